@@ -89,12 +89,15 @@ def test_two_runs_and_a_static_test_give_no_name() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.lists(st.integers(0, 2), min_size=1, max_size=9), st.integers(0, 2**31))
-def test_runs_are_drawn_among_their_own_kind(kinds: list[int], seed: int) -> None:
-    own = np.array(kinds, np.intp)
-    drawn = drawn_anew(own, 8, np.random.default_rng(seed))
-    for kind in set(kinds):
-        assert (drawn[:, own == kind].sum(axis=1) == kinds.count(kind)).all()
+@given(st.lists(st.tuples(st.integers(0, 1), st.sampled_from((-1, 1)), st.booleans()), min_size=1, max_size=9))
+def test_campaigns_of_the_same_design_are_drawn(runs: list[tuple[int, int, bool]]) -> None:
+    drawn = drawn_anew(np.array(runs, np.intp), 8, np.random.default_rng(len(runs)))
+    kinds, passes = [run[:2] for run in runs], [run[2] for run in runs]
+    assert (drawn.sum(axis=1) == len(runs)).all()
+    for kind in set(kinds) if len(set(kinds)) < len(runs) else ():
+        assert (drawn[:, [own == kind for own in kinds]].sum(axis=1) == kinds.count(kind)).all()
+    for later in set(passes):
+        assert (drawn[:, [own == later for own in passes]].sum(axis=1) > 0).all()
 
 
 def test_nothing_is_judged_by_all_runs_and_names_by_those_drawn_anew_in_any_order() -> None:

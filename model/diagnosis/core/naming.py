@@ -61,9 +61,9 @@ SURE_AT = 0.97
 """Probability by the runs as they are that it needs, too."""
 BESIDE_USUAL = 0.5
 """Probability beside what soils usually do that a physical name of driven runs needs; below `name_at` it is told."""
-SHOWN_AT = 0.97
-"""Probability from which a zero is named though no standstill shows it. Of 18 such in blind campaigns all were right;
-the largest probability of a wrong one was .94 (docs/decisions/standstill.md)."""
+SHOWN_AT = 0.98
+"""Probability, as the runs are, from which a zero is named though no standstill shows it
+(docs/decisions/standstill.md)."""
 PROBABLE_AT = 0.5
 """Probability from which on a family stands in the set of a single-wheel table, whichever others do."""
 REMAINDER = 0.5
@@ -173,7 +173,7 @@ def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adeq
     not_identifiable : mapping family -> why
         By what was driven and recorded.
     """
-    chances = found.families()
+    chances = found.as_they_are().families()
     return {
         family: why
         for family, why in not_identifiable.items()

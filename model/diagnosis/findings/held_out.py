@@ -13,11 +13,11 @@ seen every run.
 **Probabilities**: the mean of posteriors over resampled runs.
 A noise model that is a little wrong makes a posterior too sure of one of two confounded causes. Drawing as many runs
 with replacement as there are, and averaging the posteriors, makes it as uncertain as another campaign would; this needs
-no noise model. It costs no more than weights on the runs' Gram matrices. Runs that measure the same channels stand for
-each other: the only run with a reading of the sinkage is in every campaign that is drawn, or no reading could decide,
-since a single run of seven is left out of a third of them. Whether any cause acts at all is not a choice
-between confounded causes: there resampled runs, in which chance counts twice, would raise false alarms, so that the
-probability of "none" is that of the runs as they are.
+no noise model. It costs no more than weights on the runs' Gram matrices. What is drawn is another campaign of the same
+design: runs that measure the same channels in the same direction stand for each other, and one with later passes has
+some. Else the only run with a reading of the sinkage, or the way back that shows a slope, would be left out of a third
+of them. Whether any cause acts at all is not a choice between confounded causes: there resampled runs, in which chance
+counts twice, would raise false alarms, so that the probability of "none" is that of the runs as they are.
 
 Source: Buehlmann (2014), Stat. Sci. 29:91; Huggins & Miller (2023), Bayesian Analysis 18:79 (BayesBag).
 """
@@ -88,7 +88,7 @@ def bagged(
     runs = len(grams.run_names)
     if runs < FEWEST_RUNS:
         return posterior(grams, excluded, most)
-    weights = np.concatenate([np.ones((1, runs)), drawn_anew(kinds_of(grams), replicates, rng)])
+    weights = np.concatenate([np.ones((1, runs)), drawn_anew(design_of(grams), replicates, rng)])
     totals = np.tensordot(weights, grams.matrices, 1) + grams.static
     listed, found = weighed(grams, without_soil(grams, totals), excluded, most, BEAM)
     each = probabilities(found, listed.log_prior)
@@ -98,26 +98,34 @@ def bagged(
     return Posterior(listed, found[0], mean, calibrated=True)
 
 
-def kinds_of(grams: Grams) -> IndexArray:
-    """Return which runs stand for each other, shape (runs,): all, where no channels are shared by enough of them."""
-    kinds = grams.measured
-    if kinds is None or np.bincount(kinds).max() < FEWEST_RUNS:
-        return np.zeros(len(grams.run_names), np.intp)
-    return kinds
+def design_of(grams: Grams) -> IndexArray:
+    """Return what the design of a campaign is of its runs, shape (runs, 3): alike where it is not known."""
+    return np.zeros((len(grams.run_names), 3), np.intp) if grams.design is None else grams.design
 
 
-def drawn_anew(kinds: IndexArray, replicates: int, rng: np.random.Generator) -> FloatArray:
+def kinds_of(design: IndexArray) -> IndexArray:
+    """Return which runs stand for each other, shape (runs,): all, where no two are alike."""
+    kinds = np.unique(design[:, :2], axis=0, return_inverse=True)[1].ravel()
+    return kinds if np.bincount(kinds).max() > 1 else np.zeros_like(kinds)
+
+
+def drawn_anew(design: IndexArray, replicates: int, rng: np.random.Generator) -> FloatArray:
     """Return how often each run is among those drawn with replacement, shape (replicates, runs).
 
     Parameters
     ----------
-    kinds : int array, shape (runs,)
-        Only runs of one kind stand for each other.
+    design : int array, shape (runs, 3)
+        As `Grams` has it. Only runs of one kind stand for each other; where there are later passes, some are drawn.
     """
+    kinds, passes = kinds_of(design), design[:, 2] == np.unique(design[:, 2])[:, None]
     found = np.zeros((replicates, len(kinds)))
-    for kind in np.unique(kinds):
-        own = np.flatnonzero(kinds == kind)
-        found[:, own] = rng.multinomial(own.size, np.full(own.size, 1.0 / own.size), size=replicates)
+    lacking = np.arange(replicates)
+    while lacking.size:
+        for kind in np.unique(kinds):
+            own = np.flatnonzero(kinds == kind)
+            share = np.full(own.size, 1.0 / own.size)
+            found[np.ix_(lacking, own)] = rng.multinomial(own.size, share, size=lacking.size)
+        lacking = np.flatnonzero((found @ passes.T == 0.0).any(axis=1))
     return found
 
 

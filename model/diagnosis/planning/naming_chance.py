@@ -25,7 +25,7 @@ import scipy
 from daq import BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.hypotheses import Hypotheses, Posterior, probabilities
 from model.diagnosis.core.naming import AVERAGED_AT, BESIDE_USUAL, NOTHING_AT, SHOWN_AT, SURE_AT, is_physical
-from model.diagnosis.findings.held_out import FEWEST_RUNS, drawn_anew, kinds_of
+from model.diagnosis.findings.held_out import FEWEST_RUNS, design_of, drawn_anew, kinds_of
 from model.diagnosis.findings.usual_soil import usual_effects, with_usual_soil
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import box, hypotheses, log_evidences, set_columns, without_soil
@@ -121,24 +121,25 @@ class Outlook:
         return found
 
     def _allowed(self, code: StepCode) -> FloatArray:
-        """Return the probability above which each family may be named after a step, shape (families,)."""
-        least = np.full(len(self.listed.families), AVERAGED_AT)
+        """Return what probability by the runs as they are a name needs after a step, shape (families,)."""
+        least = np.full(len(self.listed.families), max(SURE_AT, self.name_at / self.adequate))
         zeros = {effect.name for effect in EFFECTS.values() if effect.needs.zero_of}
         for i, family in enumerate(self.listed.families):
             why = self.not_identifiable.get(family)
             lifted = code is StepCode.LIFTED_ZERO and family in zeros
             if why is not None and not lifted and code not in _SETTLES.get(why.code, ()):
-                least[i] = SHOWN_AT / self.adequate if why.code == LackCode.NOT_AT_STANDSTILL else 1.0
+                shown = why.code == LackCode.NOT_AT_STANDSTILL
+                least[i] = max(least[i], SHOWN_AT / self.adequate) if shown else np.inf
         return least
 
-    def _named(self, totals: FloatArray, above: FloatArray) -> BoolArray:
+    def _named(self, totals: FloatArray, least: FloatArray) -> BoolArray:
         """Return which families are named of every truth, shape (draws, families)."""
         found = log_evidences(self.grams, without_soil(self.grams, totals), self.listed)
         each = probabilities(found, self.listed.log_prior)
         none, mean = each[:, 0, 0], each[:, 1:].mean(axis=1)
         mean[:, 1:] *= ((1.0 - none) / np.maximum(mean[:, 1:].sum(axis=1), 1e-300))[:, None]
-        sure = each[:, 0] @ self.listed.has_family >= max(SURE_AT, self.name_at / self.adequate)
-        return np.asarray((mean @ self.listed.has_family > above) & sure & (none < NOTHING_AT)[:, None])
+        sure = each[:, 0] @ self.listed.has_family >= least
+        return np.asarray((mean @ self.listed.has_family > AVERAGED_AT) & sure & (none < NOTHING_AT)[:, None])
 
     def _beside_usual_soil(self, totals: FloatArray) -> BoolArray:
         """Return which families keep a name beside what soils usually do, shape (draws, families)."""
@@ -185,10 +186,10 @@ def outlook(
     kept = np.r_[0, grams.soil_columns, [grams.cause_columns.start + i for i in own]].astype(np.intp)
     few = replace(grams, causes=tuple(grams.causes[i] for i in own), basis=(), order=None, own=(), form=0.0, static=0.0)
     runs = len(grams.run_names)
-    kinds = kinds_of(grams)
+    design = design_of(grams)
     weights = np.ones((2, 1 + _REPLICATES, runs + 1))
-    weights[0, 1:, :runs] = drawn_anew(kinds, _REPLICATES, rng)
-    weights[1, 1:] = _with_one_more(kinds, rng)
+    weights[0, 1:, :runs] = drawn_anew(design, _REPLICATES, rng)
+    weights[1, 1:] = _with_one_more(design, rng)
     summed = np.tensordot(weights[..., :runs], grams.matrices / excess, 1) + grams.static
     totals = grams.without_form(summed)[..., kept[:, None], kept]
     set_of = rng.choice(len(listed), DRAWS, p=chances)
@@ -205,7 +206,7 @@ def outlook(
         not_identifiable=not_identifiable or {},
         name_at=name_at,
         adequate=adequate,
-        measures_more=len(np.unique(kinds)) == 1,
+        measures_more=len(np.unique(design[:, 0])) == 1,
     )
 
 
@@ -219,14 +220,15 @@ def _likely(found: Posterior) -> tuple[Hypotheses, FloatArray]:
     return few, chances / chances.sum()
 
 
-def _with_one_more(kinds: IndexArray, rng: np.random.Generator) -> FloatArray:
+def _with_one_more(design: IndexArray, rng: np.random.Generator) -> FloatArray:
     """Return how often each run counts where one more of the commonest kind is among them; it is the last one.
 
     How often that one is drawn is spread evenly over its distribution: few draws by chance would leave it out more
     often or less often than many do.
     """
+    kinds = kinds_of(design)
     common = np.flatnonzero(kinds == np.bincount(kinds).argmax())
-    found = np.c_[drawn_anew(kinds, _REPLICATES, rng), np.zeros(_REPLICATES)]
+    found = np.c_[drawn_anew(design, _REPLICATES, rng), np.zeros(_REPLICATES)]
     count = common.size + 1
     at_most = scipy.special.bdtr(np.arange(count + 1.0), count, 1.0 / count)
     times = np.searchsorted(at_most, (np.arange(_REPLICATES) + 0.5) / _REPLICATES)

@@ -124,8 +124,8 @@ class Grams:
         Shapes of single runs.
     form : array, shape (b,), or float
         One-sigma of the coefficient of each of the b columns where they are the error of form.
-    measured : int array, shape (runs,), optional
-        Which channels each run has: runs with the same number have the same.
+    design : int array, shape (runs, 3), optional
+        Of each run a number for the channels that it has, one for its direction, and one for first or later passes.
     static : array, shape (m, m), optional
         Cross products of what the lifted wheel read, which belongs to no run.
     constants : array, shape (runs, l, at least m), optional
@@ -142,7 +142,7 @@ class Grams:
     order: IndexArray | None = None
     own: tuple[OwnGram, ...] = ()
     form: FloatArray | float = 0.0
-    measured: IndexArray | None = None
+    design: IndexArray | None = None
     static: FloatArray | float = 0.0
     constants: FloatArray | None = None
 
@@ -212,7 +212,7 @@ class Grams:
             samples=self.samples[runs],
             run_names=tuple(compress(self.run_names, runs)),
             own=tuple(compress(self.own, runs)),
-            measured=None if self.measured is None else self.measured[runs],
+            design=None if self.design is None else self.design[runs],
         )
 
     def without(self, run: int) -> Grams:
@@ -224,7 +224,7 @@ class Grams:
             samples=self.samples.sum(keepdims=True) - self.samples[run],
             run_names=(f"all but {self.run_names[run]}",),
             own=self.own[:run] + self.own[run + 1 :],
-            measured=None,
+            design=None,
         )
 
     def scaled(self, factor: float) -> Grams:

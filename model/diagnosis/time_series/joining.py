@@ -36,7 +36,7 @@ from model.diagnosis.time_series.whitening import (
     RunGrams,
     StateSpace,
     grams_of,
-    measured_of,
+    run_design,
     run_grams,
     smoothed,
     some_runs,
@@ -195,7 +195,7 @@ def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams | None] = ()) -
         soil=layout.soil,
         causes=layout.causes,
         basis=tuple(s for part in parts for s in _of_campaign(part.campaign, part.columns.catch_all.shapes, several)),
-        measured=np.concatenate([g.measured for g in found]),
+        design=np.concatenate([g.design for g in found]),
         static=np.sum([g.static for g in found], axis=0),
         order=np.concatenate([part.columns.catch_all.order + rank for part, rank in zip(parts, ranks, strict=False)]),
         own=tuple(own for g in found for own in g.own),
@@ -251,16 +251,18 @@ def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks
     """Return the Gram matrices of each drive of the wheels of one vehicle, in the columns of all."""
     drives = _drives(wheels)
     found = _integrated(wheels, turns, ranks)
-    counts, measured = np.zeros(len(drives), np.intp), np.zeros((len(drives), len(wheels)), np.intp)
+    counts, design = np.zeros(len(drives), np.intp), np.zeros((len(drives), 3), np.intp)
+    channels = np.zeros((len(drives), len(wheels)), np.intp)
     static = found.matrices[len(drives) :].sum(axis=0)
     for i, wheel in enumerate(wheels):
         at = np.array([list(drives).index(name) for name in wheel.samples.run_names], np.intp)
         rests, lifted = wheel.samples.rests, wheel.samples.rests.lifted
         np.add.at(counts, at[wheel.samples.run], wheel.columns.present.sum(axis=0))
         np.add.at(counts, at[rests.run[~lifted]], wheel.columns.rests_present[:, ~lifted].sum(axis=0))
-        measured[at, i] = measured_of(wheel.samples, wheel.linear, wheel.columns)
-    kinds = np.unique(measured, axis=0, return_inverse=True)[1].ravel()
-    return replace(found.runs(len(drives)), samples=counts, measured=kinds, static=static)
+        design[at] = run_design(wheel.samples, wheel.linear, wheel.columns)
+        channels[at, i] = design[at, 0]
+    design[:, 0] = np.unique(channels, axis=0, return_inverse=True)[1].ravel()
+    return replace(found.runs(len(drives)), samples=counts, design=design, static=static)
 
 
 def _integrated(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks: Sequence[int]) -> RunGrams:

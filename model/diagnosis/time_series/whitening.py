@@ -290,8 +290,8 @@ class RunGrams:
         Means of the constants, in units of their deviations, by each column.
     own : tuple of OwnGram
         Cross products of each run's own shapes.
-    measured : int array, shape (runs,)
-        Which channels each run has, a bit for each.
+    design : int array, shape (runs, 3)
+        See `run_design`.
     static : array, shape (m, m)
         Of what the lifted wheel read.
     """
@@ -301,7 +301,7 @@ class RunGrams:
     samples: IndexArray
     constants: FloatArray
     own: tuple[OwnGram, ...]
-    measured: IndexArray
+    design: IndexArray
     static: FloatArray
 
     def runs(self, count: int) -> RunGrams:
@@ -366,8 +366,8 @@ def run_grams(
     counts = np.bincount(samples.run, columns.present.sum(axis=0), minlength=samples.runs)
     standing = columns.rests_present[:, ~lifted].sum(axis=0)
     counts += np.bincount(samples.rests.run[~lifted], standing, minlength=samples.runs)
-    measured = measured_of(samples, linear, columns)
-    return replace(found, samples=counts.astype(np.intp), measured=measured, static=static)
+    design = run_design(samples, linear, columns)
+    return replace(found, samples=counts.astype(np.intp), design=design, static=static)
 
 
 def grams_of(
@@ -404,16 +404,18 @@ def grams_of(
         nothing,
         np.concatenate(means),
         tuple(own),
-        nothing,
+        np.zeros((0, 3), np.intp),
         np.zeros((shared, shared)),
     )
 
 
-def measured_of(samples: Samples, linear: Linear, columns: Columns) -> IndexArray:
-    """Return which channels each run has, a bit for each, shape (runs,)."""
-    found = np.zeros(samples.runs, np.intp)
+def run_design(samples: Samples, linear: Linear, columns: Columns) -> IndexArray:
+    """Return which channels each run has, a bit for each; its direction; whether its pass is a later one; (runs, 3)."""
+    found = np.zeros((samples.runs, 3), np.intp)
     for channel, present in zip(linear.channels, columns.present, strict=True):
-        found[np.unique(samples.run[present])] |= 1 << tuple(OUTPUTS).index(channel)
+        found[np.unique(samples.run[present]), 0] |= 1 << tuple(OUTPUTS).index(channel)
+    passes = np.asarray(samples.conditions.pass_number)
+    found[samples.run, 1:] = np.stack([samples.conditions.direction, passes > passes.min(initial=np.inf)], axis=1)
     return found
 
 
