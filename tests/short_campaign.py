@@ -18,8 +18,8 @@ from wheelsoil.simulation import SimulationOptions, parse_effect
 
 @lru_cache(maxsize=12)
 def driven(effect: str = "", soil: str = "clay", runs: int = 4, seed: int = 3) -> Campaign:
-    """Return runs of 20 s at three loads, every second one back, with an effect as ``--effect`` takes it."""
-    effects = dict([parse_effect(effect)] if effect else [])
+    """Return runs of 20 s at three loads, every second one back, with effects as ``--effect`` takes them."""
+    effects = dict(map(parse_effect, effect.split()))
     options = SimulationOptions(soil=soil, runs=runs, duration_s=20.0, seed=seed, effects=effects, **LEVEL)
     simulated = kept(f"20 s: {soil}, {seed}, {effect}, {runs}", lambda: processed_campaign(options))
     return Campaign(soil, simulated, options.wheel, options.laboratory_soil, prior_of(options.laboratory_soil))

@@ -9,11 +9,14 @@ from typing import cast
 import numpy as np
 import pytest
 from gram_support import column, world
+from hypothesis import HealthCheck, given
+from hypothesis import strategies as st
+from property_settings import examples
 
 from daq import Note
 from model import LackCode
 from model.diagnosis import Adequacy, CauseSet, Gain, Reduction, Scores
-from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, short_set
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, probable_sets, short_set
 from model.diagnosis.core.naming import (
     Judgement,
     asked_again,
@@ -297,6 +300,22 @@ def test_a_set_is_as_short_as_the_data_allow(grams: Grams) -> None:
     pairs = made(grams, {("a", "b"): 0.6, ("b", "d"): 0.38, ("c1",): 0.02})
     assert short_set(pairs) == ("b",)
     assert short_set(made(grams, {(): 1.0})) == ()
+
+
+@examples(40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.floats(0.01, 1.0), min_size=5, max_size=5), st.integers(1, 6))
+def test_the_sets_that_are_kept_hold_what_is_named_and_are_the_most_probable(
+    grams: Grams, weights: list[float], most: int
+) -> None:
+    listed = [(), ("a",), ("b",), ("a", "b"), ("a", "c1")]
+    found = made(grams, dict(zip(listed, np.array(weights) / sum(weights), strict=True)))
+    for named in ((), ("a",), ("a", "b")):
+        kept = probable_sets(found, most, named)
+        holding = {keys: p for keys, p in probable_sets(found, 99).items() if {*named} <= {*keys}}
+        assert len(kept) == min(most, len(holding)) and kept.items() <= holding.items()
+        left = [p for keys, p in holding.items() if keys not in kept]
+        assert (() in kept) == (not named)
+        assert max(left, default=0.0) <= min((p for keys, p in kept.items() if keys), default=1.0)
 
 
 def test_candidates_hold_none_and_every_family(grams: Grams) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from short_campaign import driven
 
 from daq.runs import open_runs
 from model import ExtendedModel
@@ -52,3 +53,22 @@ def test_a_load_that_was_not_driven_is_predicted_as_well_as_by_the_best_set() ->
     assert gain is not None
     assert gain.extended["dp"].R0 < 0.75 * gain.base["dp"].R0
     assert model.provenance["held_out_R0_reduction_percent"] == pytest.approx(gain.reduction_percent)
+
+
+def test_the_file_of_a_name_holds_what_acts_beside_it() -> None:
+    effects = "vasilev:H_m=0.06 drawbar_pull_gain:relative=0.04"
+    campaign, later = (driven(effects, seed=seed) for seed in (3, 4))
+    listed = ("vasilev", "torque_gain", "drawbar_pull_gain", "grouser")
+    found = diagnose([campaign], DiagnosisOptions(effects=listed, average=True))
+    assert (found.verdict, [cause.name for cause in found.causes]) == ("named", ["slip_sinkage"])
+    assert "drawbar_pull_gain" in found.grounds.beside and found.average is not None and found.gain is not None
+    [model] = models_of(found, [campaign], "balanced", "")
+    assert all("vasilev" in [effect.key for effect in one.effects] for one in model.sets)
+    assert sum(one.probability for one in model.sets) + model.rest_probability == pytest.approx(1.0)
+
+    gain = found.average.gain
+    assert gain is not None and gain.base == found.gain.base
+    assert model.provenance["held_out_R0_reduction_percent"] == pytest.approx(gain.reduction_percent)
+    [alone] = models_of(replace(found, average=None), [campaign], "balanced", "")
+    assert [effect.key for effect in alone.effects] == ["vasilev"]
+    assert pull_error(model, later.runs) < pull_error(alone, later.runs)

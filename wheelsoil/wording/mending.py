@@ -196,7 +196,9 @@ def step_of(found: Diagnosis) -> Step:
             then,
         )
     if found.verdict == "named":
-        advice = "Save the recommended model for fit, simulate and report."
+        doubt = found.grounds.beside and not found.grounds.table_channels
+        what = "model, averaged over what may act beside the named causes," if doubt else "recommended model"
+        advice = f"Save the {what} for fit, simulate and report."
         decided = "No further run is needed for the name." if not deciding_runs(found) else ""
         return Step(advice, decided, "" if found.grounds.table_channels else "wheelsoil diagnose FOLDER -o model.toml")
     return Step(

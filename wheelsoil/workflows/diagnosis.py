@@ -357,8 +357,9 @@ def diagnose_campaigns(campaigns: Sequence[Campaign], options: DiagnosisOptions)
         from model.diagnosis import diagnose
 
         before = known("diagnosis", (inputs, without_average)) if options.average else None
-        # only `one_of` has an average: any other diagnosis is the same without one
-        return before if before and before.verdict != "one_of" else diagnose(campaigns, options)
+        # only where several sets remain possible is there an average: any other diagnosis is the same without one
+        decided = before and before.verdict != "one_of" and not before.grounds.beside
+        return before if before and decided else diagnose(campaigns, options)
 
     found: Diagnosis = kept("diagnosis", (inputs, options), compute)
     if options.average:

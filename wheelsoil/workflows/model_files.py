@@ -55,8 +55,8 @@ def models_of(
     `processed` are the campaigns' runs, for what their errors of measurement count from.
 
     Wheels of one vehicle have one model.
-    Where several sets of causes remain possible, it holds the most probable ones, each with its soil. A soil that was
-    re-calibrated beside what nobody can explain is not worth keeping.
+    Where several sets of causes remain possible, also beside named ones, it holds the most probable ones, each with its
+    soil. A soil that was re-calibrated beside what nobody can explain is not worth keeping.
     """
     runs = {id(done): run for run, done in processed}
     average = diagnosis.average
@@ -119,7 +119,7 @@ def _provenance(
 ) -> dict[str, Fact]:
     driven = () if isinstance(campaign, Bench) else campaign.runs
     names = campaign.rows.names if isinstance(campaign, Bench) else tuple(run.run.id for run in driven)
-    # The held-out gain of what is in the file: of the named causes, of the average, else of nothing.
+    # The held-out gain of what is in the file: of the average, of the named causes, else of nothing.
     if diagnosis.average is not None:
         gain = diagnosis.average.gain
     else:
@@ -217,9 +217,11 @@ def model_toml(model: ExtendedModel) -> str:
         effects = "; ".join(map(_effect_line, cause_set.effects)) or "no cause, the soil re-calibrated"
         head.append(f"{chance(cause_set.probability)}: {effects}")
     if model.sets:
+        named = model.provenance.get("verdict") == "named"
         head += [
             str(model.provenance.get("held_out", "")),
-            f"No cause is named: {len(model.sets)} sets remain possible, each with its own soil. Their predictions "
+            f"{'What acts beside the named causes is not decided' if named else 'No cause is named'}: "
+            f"{len(model.sets)} sets remain possible, each with its own soil. Their predictions "
             f"are averaged; {chance(model.rest_probability)} of the probability is of sets that are not here.",
         ]
     elif not model.effects:

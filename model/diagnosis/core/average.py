@@ -40,7 +40,7 @@ class Average:
     Attributes
     ----------
     sets : tuple of FittedSet
-        Most probable first; "none" is among them.
+        Most probable first; "none" is among them, or where causes are named, each holds these.
     rest_probability : float
         Of the sets that are not listed.
     gain : Gain or None

@@ -275,10 +275,19 @@ def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
     return tuple(chosen)
 
 
-def probable_sets(found: Posterior, most: int) -> dict[tuple[str, ...], float]:
-    """Return the most probable sets of effects with their probabilities, at most so many; "none" is always one."""
+def probable_sets(found: Posterior, most: int, given: tuple[str, ...] = ()) -> dict[tuple[str, ...], float]:
+    """Return the most probable sets of effects with their probabilities, at most so many.
+
+    Parameters
+    ----------
+    given : tuple of str
+        Families that each of them holds; where there is none, "none" is always one.
+    """
+    h = found.hypotheses
+    holds = np.asarray(h.has_family[:, np.isin(h.families, given)].all(axis=1))
     order = np.argsort(-found.probability, kind="stable")
-    kept = order[:most] if 0 in order[:most] else np.r_[order[: most - 1], 0]
+    order = order[holds[order]]
+    kept = order[:most] if given or 0 in order[:most] else np.r_[order[: most - 1], 0]
     return {
         found.hypotheses.keys_of(int(i)): float(found.probability[i]) for i in kept if not i or found.probability[i] > 0
     }

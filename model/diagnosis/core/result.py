@@ -357,7 +357,7 @@ class Diagnosis:
     linearisation : Linearisation or None
         Of driven runs.
     average : Average or None
-        Of driven runs under "one_of", where it was asked for.
+        Of driven runs under "one_of", or with a further cause beside named ones, where it was asked for.
     corrected : tuple of Corrected
         What is decided already: zeros of the lifted wheel.
     static : tuple of StaticTest

@@ -36,8 +36,8 @@ _REPLICATES = 16
 """Resampled runs of each fold."""
 
 
-def average_of(fits: Fits, found: Posterior, seed: int) -> Average:
-    """Fit the most probable sets, and measure what their average is worth.
+def average_of(fits: Fits, found: Posterior, seed: int, named: Sequence[str] = ()) -> Average | None:
+    """Fit the most probable sets, and measure what their average is worth; None where there is none.
 
     A set whose spread the data leave undetermined is left to the rest.
 
@@ -47,16 +47,18 @@ def average_of(fits: Fits, found: Posterior, seed: int) -> Average:
         Averaged over resampled runs.
     seed : int
         Of the resampling in each fold.
+    named : sequence of str
+        Families that every set holds; the others are left to the rest.
     """
-    linearised, kept = fits.linearised, probable_sets(found, MOST_SETS)
-    fits.fit(*kept)
+    linearised, kept = fits.linearised, probable_sets(found, MOST_SETS, tuple(named))
+    fits.fit((), *kept)
     own = {keys: fits[keys] for keys in kept}
     sets = list(in_parallel(lambda keys: _fitted(linearised, own[keys], found, kept[keys]), kept))
     known = [all(np.isfinite(matrix).all() for matrix in fitted.covariances) for fitted in sets]
     own = {keys: own[keys] for keys, fine in zip(kept, known, strict=True) if fine or not keys}
     sets = [fitted for fitted, fine in zip(sets, known, strict=True) if fine or not fitted.causes]
     rest = max(1.0 - sum(fitted.probability for fitted in sets), 0.0)
-    return Average(tuple(sets), rest, _gain(linearised, own, found, seed))
+    return Average(tuple(sets), rest, _gain(linearised, fits[()], own, found, seed)) if sets else None
 
 
 def _fitted(linearised: LinearisedCampaign, fit: SetFit, found: Posterior, probability: float) -> FittedSet:
@@ -84,17 +86,20 @@ def _covariance(fit: SetFit, covariance: FloatArray, index: int) -> FloatArray:
     return np.asarray(to_si @ covariance @ to_si.T)
 
 
-def _gain(linearised: LinearisedCampaign, fits: Mapping[Keys, SetFit], found: Posterior, seed: int) -> Gain | None:
-    """Return the gain of the average on held-out runs; None with one run."""
+def _gain(
+    linearised: LinearisedCampaign, no_cause: SetFit, fits: Mapping[Keys, SetFit], found: Posterior, seed: int
+) -> Gain | None:
+    """Return the gain of the average on held-out runs over that without a cause; None with one run."""
     count = len(linearised.grams.run_names)
     if count < 2:
         return None
-    grams = {keys: fit.grams() for keys, fit in fits.items()}
+    every: dict[Keys, SetFit] = {(): no_cause, **fits}
+    grams = {keys: fit.grams() for keys, fit in every.items()}
 
     def predicted(run: int) -> tuple[HeldOutPrediction, HeldOutPrediction]:
-        each = {keys: predict_held_out(linearised, fit, run, grams[keys]) for keys, fit in fits.items()}
+        each = {keys: predict_held_out(linearised, fit, run, grams[keys]) for keys, fit in every.items()}
         weights = _weights(linearised, run, tuple(fits), found, seed)
-        return each[()], averaged(list(each.values()), weights)
+        return each[()], averaged([each[keys] for keys in fits], weights)
 
     base, average = zip(*in_parallel(predicted, range(count), rows=linearised.rows), strict=True)
     channel = next(c for c in OUTPUTS if any(c in run.measured for run in base))

@@ -221,9 +221,9 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
         )
     average = None
-    if options.average and verdict.verdict == "one_of":
+    if options.average and (verdict.verdict == "one_of" or verdict.beside):
         with clock.stage("average"):
-            average = average_of(fits, found, options.seed)
+            average = average_of(fits, found, options.seed, verdict.families if verdict.beside else ())
     few = () if found.calibrated else (Note(DiagnosisCode.FEW_RUNS, values={"runs": len(linearised.grams.run_names)}),)
     return Diagnosis(
         verdict=verdict.verdict,
