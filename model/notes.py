@@ -38,6 +38,8 @@ class LackCode(StrEnum):
     """family, probability by the runs as they are, least"""
     UNLISTED_MAY_ACT = "unlisted_may_act"
     """probability"""
+    FORM_NOT_LISTED = "form_not_listed"
+    """family: another one, that acts by another formula than the listed ones"""
     NO_BETTER = "no_better"
     """nats, least"""
     CHANNEL_WORSE = "channel_worse"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from blind.engine import asked, campaign_from_channels
-from blind.mix import Case
+from blind.mix import WHOLE, Case, cases
 from blind.study import truth_of
 from short_campaign import driven, looked
 
@@ -63,6 +65,17 @@ def test_a_cause_by_another_formula_is_no_longer_unexplained(key: str, level: fl
     assert said["verdict"] in ("named", "one_of")
     assert said["free_form"]["family"] == family == said["causes"][0]["name"]
     assert said["adequacy"]["ok"]
+
+
+@pytest.mark.slow
+def test_beside_a_cause_by_another_formula_no_other_is_named() -> None:
+    """A torque gain made up for part of a skid sinkage that levels off, at more than 99.9 %."""
+    case = next(case for case in cases(replace(WHOLE, block=11)) if case.name == "single/skid_hyperbola@5/31001")
+    truth = truth_of(case)
+    said = asked(campaign_from_channels(case.day, [(m["key"], m["size"]) for m in truth["members"]]), case, truth)
+    assert said["verdict"] == "named" and said["as_they_are"]["torque_gain"] > 0.999
+    assert [cause["name"] for cause in said["causes"] if "barred" not in cause] == ["skid_sinkage"]
+    assert [c["barred"]["code"] for c in said["causes"] if c["name"] == "torque_gain"] == ["form_not_listed"]
 
 
 @pytest.mark.parametrize(

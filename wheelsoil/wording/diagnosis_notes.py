@@ -273,6 +273,9 @@ SENTENCES: dict[str, Sentence] = {
         "that a name needs"
     ),
     LackCode.UNLISTED_MAY_ACT: lambda v: f"a cause that is not listed may act ({chance(v['probability'])})",
+    LackCode.FORM_NOT_LISTED: lambda v: (
+        f"{plain_name(v['family'])} acts by another formula than the listed ones, and this may only make up for it"
+    ),
     LackCode.NO_BETTER: (
         "held-out runs or conditions are not predicted well enough: the log score rises by {nats:.2g} nats, less than "
         "{least:g}, and no error falls for certain"

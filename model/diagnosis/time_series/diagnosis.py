@@ -164,7 +164,9 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             factor = excess(linearised.grams, linearised.best.keys)
             judged = adequacy(linearised.grams, linearised.best.keys, other)
     fits = Fits(linearised, "several" if judged.ok else "one")
-    weighed, remarks = _weighed(fits, judged, other, factor, options.name_at, clock, rng)
+    weighed, remarks = _weighed(
+        fits, judged, other, factor, options.name_at, clock, rng, "" if freed is None else EFFECTS[freed.key].name
+    )
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
@@ -272,8 +274,12 @@ def _weighed(
     name_at: float,
     clock: Clock,
     rng: np.random.Generator,
+    formed: str = "",
 ) -> tuple[_Weighed, tuple[Note, ...]]:
-    """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain."""
+    """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain.
+
+    Beside a family that acts by a formula that is not listed (`formed`) no other is named: it may make up for that one.
+    """
     linearised = fits.linearised
     with clock.stage("bagging"):
         found = bagged(linearised.grams, rng, linearised.excluded, linearised.most_causes, factor)
@@ -294,6 +300,9 @@ def _weighed(
 
     def judge(other: Posterior) -> Judgement:
         lacking = unshown(linearised.not_identifiable, other, judged)
+        if formed:
+            why = Note(LackCode.FORM_NOT_LISTED, values={"family": formed})
+            lacking |= {family: why for family in other.hypotheses.families if family != formed}
         rules = (other, judged, gain, lacking, name_at, linearised.converged)
         return judgement(*rules, contradiction, of_runs=True)
 
