@@ -115,6 +115,8 @@ class DiagnosisCode(StrEnum):
     """table, channel, errors: mapping effect key -> root mean square"""
     SKID_LAW = "skid_law"
     """table, rows, static_sinkage_m, H2_m, H2_sigma_m, left_out_rms_m"""
+    MORE_ALIKE = "more_alike"
+    """families, instead: sets of more causes that look the same as them, nats: by how much each fits less"""
     SOIL_SIGMA_ASSUMED = "soil_sigma_assumed"
     """campaigns"""
     SEVERAL_TERRAINS = "several_terrains"

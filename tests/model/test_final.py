@@ -10,6 +10,8 @@ import pytest
 from short_campaign import driven, looked, noise_of
 
 from model.diagnosis import DiagnosisOptions
+from model.diagnosis.core.naming import Judgement
+from model.diagnosis.findings.explained import Fits, explain
 from model.diagnosis.findings.set_fit import (
     TRUST,
     _others,
@@ -22,7 +24,7 @@ from model.diagnosis.findings.set_fit import (
 )
 from model.diagnosis.findings.set_problem import set_problem
 from model.diagnosis.time_series import linearise_campaigns
-from model.diagnosis.time_series.evidence import estimate
+from model.diagnosis.time_series.evidence import estimate, posterior
 
 
 @pytest.mark.parametrize("keys", [("lyasko", "torque_zero"), ("speed_latency",)])
@@ -63,6 +65,20 @@ def test_what_was_hidden_is_found_within_its_interval(effect: str) -> None:
     low, high = found.interval95
     assert low < float(value) < high
     assert found.sigma < 0.15 * abs(float(value))
+
+
+def test_a_member_of_a_set_has_its_size_beside_those_that_act_for_sure() -> None:
+    """Alone, each of two causes would have to explain what the other one does."""
+    keys = ("vasilev", "torque_zero")
+    fits = Fits(looked(driven("vasilev:H_m=0.04"), *keys, "crosstalk"))
+    found = posterior(fits.linearised.grams)
+    sure = replace(found, probability=np.eye(len(found.hypotheses))[found.hypotheses.index_of(keys)])
+    verdict = Judgement("one_of", ("slip_sinkage", "torque_zero", "crosstalk"))
+    sizes = {cause.key: cause for cause in explain(fits, verdict, sure).causes}
+    [own] = sizes["vasilev"].parameters
+    together, alone = (parameters_of(fits[some], fits.linearised)["vasilev"][0] for some in (keys, keys[:1]))
+    assert own.value == together.value != alone.value
+    assert ("crosstalk",) not in fits.known and sizes["crosstalk"].parameters
 
 
 def test_lyaskos_sum_comes_first_and_its_parts_only_where_they_can_be_parted() -> None:

@@ -16,7 +16,16 @@ from property_settings import examples
 from daq import Note
 from model import LackCode
 from model.diagnosis import Adequacy, CauseSet, Gain, Reduction, Scores
-from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, probable_sets, short_set
+from model.diagnosis.core.hypotheses import (
+    ALIKE_NATS,
+    Posterior,
+    candidates,
+    likely_sets,
+    more_alike,
+    notes_of_more_alike,
+    probable_sets,
+    short_set,
+)
 from model.diagnosis.core.naming import (
     Judgement,
     asked_again,
@@ -52,6 +61,31 @@ def made(grams: Grams, chances: dict[tuple[str, ...], float], calibrated: bool =
         probability[listed.index_of(keys)] = p
     assert probability.sum() == pytest.approx(1.0)
     return Posterior(listed, np.zeros(len(listed)), probability, calibrated)
+
+
+def test_more_causes_that_fit_about_as_well_are_told_beside_fewer(grams: Grams) -> None:
+    """The evidence decides, its prior apart; what the best set keeps is not repeated, nor what holds fewer causes."""
+    listed = hypotheses(grams)
+
+    def weighed(evidence: dict[tuple[str, ...], float]) -> Posterior:
+        own = np.full(len(listed), -50.0)
+        for keys, nats in evidence.items():
+            own[listed.index_of(keys)] = nats
+        return Posterior(listed, own, np.zeros(0), calibrated=True).as_they_are()
+
+    pair = weighed({("a",): 10.0, ("b", "c1"): 8.0, ("b", "c2"): 7.0, ("b", "c2", "d"): 9.0, ("a", "d"): 11.0})
+    assert more_alike(pair, ("a",)) == {("b", "c"): 2.0}
+    assert more_alike(pair, ("a", "b")) == {}, "a set that holds one of them is no other explanation"
+    [note] = notes_of_more_alike(pair, "named", ("a",))
+    assert dict(note.values) == {"families": ("a",), "instead": (("b", "c"),), "nats": (2.0,)}
+    assert notes_of_more_alike(pair, "nothing_detectable", ()) == ()
+    assert more_alike(weighed({("a",): 10.0, ("b", "c1"): 10.0 - ALIKE_NATS}), ("a",)) == {}
+    assert more_alike(weighed({("a",): 10.0, ("b",): 9.0, ("b", "c1"): 9.5}), ("a",)) == {}, (
+        "one is open, not kept back"
+    )
+    beside = weighed({("a", "d"): 10.0, ("b", "c1", "d"): 9.0, ("b", "c1"): 9.0})
+    assert more_alike(beside, ("a",)) == {("b", "c"): 1.0}
+    assert [note.values["families"] for note in notes_of_more_alike(beside, "one_of", ("a", "d"))] == []
 
 
 def test_lack_of_fit_comes_before_everything(grams: Grams) -> None:

@@ -36,10 +36,12 @@ from model.diagnosis import (
 from model.diagnosis.core.result import BarredCause, PriorShift, RefutedSoil, SoilInstead, Verdict
 from model.effects import EFFECTS
 from model.wheel_soil import Wheel
+from wheelsoil.view.jobs import shown_of
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import covered, diagnosis_lines, gain_text, wrapped
-from wheelsoil.wording.mending import next_steps
+from wheelsoil.wording.mending import first_steps, next_steps
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.verdict import details_of, headline_of, sentence_of
 from wheelsoil.wording.wheel_pair_text import wheel_pair_lines
 from wheelsoil.workflows import parse_choice
@@ -85,7 +87,7 @@ def test_the_verdict_and_the_next_step_stand_in_the_first_six_lines(verdict, wid
     said, left = " ".join(brief[:6]), squeezed("\n".join(brief))
     assert said.startswith(headline_of(found)) and " Next: " in said
     assert all(detail in left for detail in details_of(found))
-    assert set(brief) - set(whole) <= {*wrapped(gain_text(found.gain), width), brief[-1]}
+    assert set(brief) - set(whole) <= {*wrapped(gain_text(found), width), brief[-1]}
     assert len(brief) < len(whole) and "--verbose" in brief[-1]
 
 
@@ -238,7 +240,8 @@ def test_what_else_the_verdict_would_be_is_said_in_plain_words() -> None:
     fewer = replace(found, grounds=Grounds(prior_shifts=(PriorShift("slope", 1 / 3, "nothing_detectable", ()),)))
     assert "at a third of the prior odds of slope it would be: nothing detectable." in sentence_of(fewer)
     unsure = Note(LackCode.NOT_SURE, values={"family": "slope", "probability": 0.961, "least": 0.97})
-    assert note_text(unsure).startswith("its probability by these runs as they are is 96.1 %, below the 97 %")
+    assert note_text(unsure).startswith("by these runs as they are, not averaged over resampled ones")
+    assert note_text(unsure).endswith("its probability is 96.1 %, below the 97 % that a name needs")
 
 
 def test_lugs_of_a_probable_set_are_said_with_a_larger_radius_too() -> None:
@@ -360,12 +363,39 @@ def test_a_gain_is_scaled_where_no_other_wheel_is_changed() -> None:
     assert "DBC" not in step.what and step.paste == "--rename driving_torque_nm=COLUMN*0.945"
 
 
+def test_each_named_cause_has_its_step_in_the_terminal_and_on_the_page() -> None:
+    named = [
+        replace(diagnosis("named").causes[0], name=key, key=key, form="", kind="measurement", parameters=(size,))
+        for key, parameter in (("torque_gain", "relative"), ("load_gain", "relative"), ("slope", "angle_rad"))
+        for size in [ParameterEstimate(parameter, "", 0.058, (0.05, 0.066), 0.004)]
+    ]
+    found = replace(diagnosis("named"), causes=tuple(named), next_run=())
+    steps = [text for text, _ in first_steps(found, VehicleConfig())]
+    assert len(steps) == 3 and [text.split(": ")[0] for text in steps] == ["Next", "Also", "Also"]
+    printed = squeezed("\n".join(diagnosis_lines(found, VehicleConfig(), 100)))
+    assert all(text in printed for text in steps) and shown_of(found)["next"] == typeset(" ".join(steps))
+    for verdict in VERDICTS:
+        [(text, _)] = first_steps(diagnosis(verdict), VehicleConfig())
+        assert shown_of(diagnosis(verdict))["next"] == typeset(text) and text in squeezed(text_of(diagnosis(verdict)))
+
+
+def test_more_causes_that_look_the_same_are_said_beside_a_name_and_in_the_json() -> None:
+    values = {"families": ("torque_gain",), "instead": (("load_gain", "drawbar_pull_gain"),), "nats": (1.9,)}
+    found = replace(diagnosis("named"), grounds=Grounds(cautions=(Note(DiagnosisCode.MORE_ALIKE, values=values),)))
+    said = (
+        "Load gain with drawbar pull gain would look the same as torque gain: fewer causes at once are more probable."
+    )
+    assert said in squeezed(text_of(found)) and said in sentence_of(found)
+    assert diagnosis_json(found)["more_alike"] == [values] and "more_alike" not in diagnosis_json(diagnosis("named"))
+
+
 def test_in_how_many_campaigns_an_interval_is_right_is_said_of_few_runs_only() -> None:
     found = diagnosis("named")
     assert found.gain is not None and covered(found)
     assert not covered(replace(found, gain=replace(found.gain, chosen=(("vasilev",),) * 98)))
     assert not covered(replace(found, grounds=Grounds(table_channels=("dp", "z"))))
-    assert "campaigns of few runs" not in gain_text(found.gain, "")
+    by_table = replace(found, grounds=Grounds(table_channels=("dp", "z")))
+    assert "of a study" in gain_text(found) and "of a study" not in gain_text(by_table)
 
 
 def test_of_a_bench_table_the_mean_of_the_rows_is_said():

@@ -145,7 +145,7 @@ def test_an_error_that_grows_is_said_to_grow(material):
     found = diagnosis("named")
     worse = replace(found.gain, reduction_percent=-38.0, interval95=(-75.0, -4.6))
     said = text(gain.build(replace(material, diagnosed=replace(found, gain=worse))))
-    assert "grows by 38.0 % with the extension (95 %: 4.60 to 75.0 %)" in said.replace("…", "to")
+    assert "R₀ of the drawbar pull grows by 38 % (95 %: 4.6 to 75 %)" in said
 
 
 def test_the_terminal_says_to_check_what_the_report_says(material):

@@ -30,6 +30,7 @@ from model.diagnosis import (
 from model.diagnosis.core.result import PriorShift, RefutedSoil, undecided
 from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
 from wheelsoil.view.jobs import shown_of
+from wheelsoil.wording.diagnosis_text import gain_text
 from wheelsoil.wording.grounds_text import (
     Statement,
     chances_of,
@@ -192,6 +193,9 @@ def test_causes_that_surely_act_are_joined_by_and() -> None:
     assert title == "Slope and bulldozing, perhaps with grouser: these data cannot separate them."
     title = headline_of(replace(BARE, verdict="one_of", causes=tuple(likely[:2]), gain=None))
     assert title == "Slope and bulldozing: not sure enough for names."
+    hardly = [replace(likely[2], name=name, probability=0.006) for name in ("grouser", "track_drift", "exit_angle")]
+    rare = replace(BARE, verdict="one_of", causes=(*likely[:2], *hardly), gain=None, candidates=())
+    assert headline_of(rare) == title and "perhaps" not in sentence_of(rare), "nobody acts upon 0.6 %"
 
 
 LATE = Cause(
@@ -227,6 +231,10 @@ def test_the_headline_states_an_error_only_where_it_falls_for_certain() -> None:
     assert headline_of(replace(BARE, gain=other)) == (
         "Slip sinkage explains the misfit: the driving torque error on held-out data falls by 50 %."
     )
+    found = replace(BARE, gain=other)
+    assert "On held-out runs the error of driving torque falls by 50 (40 to 60) %" in sentence_of(found)
+    assert gain_text(found).startswith("R0 of the driving torque falls by 50 % (95 %: 40 to 60 %)")
+    assert shown_of(found)["main_channel"] == "t" and shown_of(found)["change_percent"] == 50.0
 
 
 def test_a_name_that_the_stress_peak_bars_is_said_with_the_rule_and_both_probabilities() -> None:
@@ -392,15 +400,25 @@ def test_sentences_say_where_it_shows_and_what_would_have_been_seen() -> None:
 
 
 def test_what_is_wanting_is_said_once_for_all_families_that_it_is_wanting_for() -> None:
-    want = want_words({"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT})
+    wanted = {"slope": ONE_WAY, "track_drift": ONE_WAY, "zero_drift": DRIFT}
+    want = want_words(replace(BARE, not_identifiable=wanted))
     assert [one.text for one in want] == [
         "Slope and track drift are not identifiable from these runs: all runs go one way: drive some back.",
         "Zero drift is not identifiable from these runs: one run only: a drift over the campaign does not show.",
     ]
-    assert want_words({}) == []
+    assert want_words(BARE) == []
     usual = {"multi_pass": Note(LackCode.SAME_PASS), "tyre_flattening": Note(LackCode.PRESSURE_UNKNOWN)}
-    assert want_words(usual) == [], "what is wanting nearly always stands in the table alone"
-    assert "Zero drift" in words(want_words({**usual, "zero_drift": DRIFT}))
+    assert want_words(replace(BARE, not_identifiable=usual)) == [], (
+        "what is wanting nearly always stands in the table alone"
+    )
+    assert "Zero drift" in words(want_words(replace(BARE, not_identifiable={**usual, "zero_drift": DRIFT})))
+
+
+def test_no_cause_is_separable_and_not_identifiable_at_once() -> None:
+    rival = replace(BARE, not_identifiable={"slope": ONE_WAY}, grounds=Grounds(confounded=("slope",)))
+    for p, words_of_it in ((0.01, "has a similar signature, but is separable"), (0.2, "would fit almost as well")):
+        text = sentence_of(replace(rival, candidates=(Candidate("slope", p),)))
+        assert words_of_it in text and ("not identifiable" in text) == (p == 0.2)
 
 
 @pytest.mark.parametrize("verdict", ["named", "unexplained"])

@@ -248,7 +248,7 @@ def _show(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], verbose: bool
     def print_text() -> None:
         from wheelsoil.report import checks_of
 
-        checks = checks_of(diagnosis)
-        print("\n".join(diagnosis_lines(diagnosis, vehicle, terminal_width(), checks=checks, verbose=verbose)))
+        shown = partial(diagnosis_lines, wheels=vehicles, checks=checks_of(diagnosis), verbose=verbose)
+        print("\n".join(shown(diagnosis, vehicle, terminal_width())))
 
     wheels.show(lambda: diagnosis_json(diagnosis), print_text, headline_of(diagnosis))

@@ -88,7 +88,7 @@ def build_vehicle_report(
         omitted["vehicle"] = error.what
     glance = _summary(wheels, vehicle, figures, joint, doubts, omitted.get("vehicle", ""))
     found = [wheel for wheel in given if not wheel.diagnosed.why_not]
-    wanting: list[Block] = [Text(of.text) for of in want_words(joint.not_identifiable if joint else {})]
+    wanting: list[Block] = [Text(of.text) for of in (want_words(joint) if joint else ())]
     level, sign = ("good", "✓") if len(found) == len(wheels) and not doubts else ("fair", "▲")
     return Report(
         head=Head(

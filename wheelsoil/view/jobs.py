@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import ON_TIME_BASE, DataError, Use
+from daq import ON_TIME_BASE, DataError, Use, VehicleConfig
 from daq.runs import Run
 from model.diagnosis import Diagnosis
 from model.wheel_soil import SOIL_PARAMETERS, Conditions, Soil, Wheel, conditions_of
@@ -26,6 +26,7 @@ from wheelsoil.wording.cost_text import cost_meaning, cost_note, cost_rows, cost
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.figures import figure_value
 from wheelsoil.wording.grounds_text import chances_of, verdict_words
+from wheelsoil.wording.mending import first_steps
 from wheelsoil.wording.notes import note_text, texts_of
 from wheelsoil.wording.numbers import typeset
 from wheelsoil.wording.verdict import (
@@ -36,6 +37,7 @@ from wheelsoil.wording.verdict import (
     refusal_words,
     several_terrains,
     size_text,
+    stated_channel,
     statements_of,
 )
 from wheelsoil.workflows.cause_cost import (
@@ -206,7 +208,7 @@ def _on_page(
     diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: FitChoices, against: str
 ) -> dict[str, Any]:
     """Return a diagnosis for the page; `against` is the place of the last report or of a store, if there is one."""
-    shown = shown_of(diagnosis, _cost(diagnosis, taken, soil, choices))
+    shown = shown_of(diagnosis, _cost(diagnosis, taken, soil, choices), taken[0][0].vehicle)
     found: dict[str, Any] = plain(diagnosis_json(diagnosis) | shown)
     if not against:
         return found | {"since": None}
@@ -231,8 +233,11 @@ def _cost(diagnosis: Diagnosis, taken: Processed, soil: str | None, choices: Fit
         return None
 
 
-def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, Any]:
+def shown_of(
+    diagnosis: Diagnosis, cost: CausesCost | None = None, vehicle: VehicleConfig | None = None
+) -> dict[str, Any]:
     """Return what the page writes of a diagnosis: its sentences, its key figures as text and unrounded, its cost."""
+    channel = stated_channel(diagnosis)
     figures = figures_of_diagnosis(diagnosis)
     rows = cost_rows(cost) if cost else []
     figures |= {cell.key: cell for row in rows for cell in row if isinstance(cell, KeyFigure)}
@@ -243,14 +248,12 @@ def shown_of(diagnosis: Diagnosis, cost: CausesCost | None = None) -> dict[str, 
         "details": typeset(
             " ".join(statement.text for statement in others if statement.about not in ("next", "as_if"))
         ),
-        "next": typeset(next((statement.text for statement in others if statement.about == "next"), "")),
+        "next": typeset(" ".join(text for text, _ in first_steps(diagnosis, vehicle or VehicleConfig()))),
         "model_title": model_title(diagnosis).lower(),
         "refused": typeset(refusal_words(diagnosis)),
-        "main_channel": diagnosis.main_channel,
-        "change_percent": None
-        if diagnosis.gain is None
-        else reduction_in(diagnosis.gain, diagnosis.main_channel).percent,
-        "better": falling_channel(diagnosis) == diagnosis.main_channel and several_terrains(diagnosis) is None,
+        "main_channel": channel,
+        "change_percent": None if diagnosis.gain is None else reduction_in(diagnosis.gain, channel).percent,
+        "better": falling_channel(diagnosis) == channel and several_terrains(diagnosis) is None,
         "sizes": [typeset(size_text(cause)) for cause in diagnosis.causes],
         "figures": {
             key: {"value": figure.value, "text": figure_value(figure), "unit": figure.unit, "model": figure.model}

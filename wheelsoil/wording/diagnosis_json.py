@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from daq import Note
-from model import LackCode
+from model import DiagnosisCode, LackCode
 from model.diagnosis import Shape
 from model.effects import parted
 from wheelsoil.wording.grounds_text import chances_of
@@ -54,6 +54,11 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         **({"static": [check.model_dump(exclude_none=True) for check in found.static]} if found.static else {}),
         **({"corrected": [vars(correction) for correction in found.corrected]} if found.corrected else {}),
         **({"like_radius": [dict(note.values) for note in alike]} if (alike := like_radius(found)) else {}),
+        **(
+            {"more_alike": more}
+            if (more := [dict(n.values) for n in found.grounds.cautions if n.code == DiagnosisCode.MORE_ALIKE])
+            else {}
+        ),
         **({"laboratory": _laboratory(found)} if found.grounds.refuted_soil or found.grounds.soil_instead else {}),
         **({"error_of_form": _form_errors(found)} if found.grounds.form_errors else {}),
     }

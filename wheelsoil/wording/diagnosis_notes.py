@@ -7,7 +7,7 @@ from typing import Any
 
 from daq import OUTPUTS, ROLES, Fault
 from model import DiagnosisCode, LackCode, StepCode
-from wheelsoil.wording.names import chance, effect_name, letter, listed, page_unit, plain_name, stretches
+from wheelsoil.wording.names import chance, effect_name, letter, listed, page_unit, plain_name, plain_names, stretches
 from wheelsoil.wording.numbers import after_value, number
 from wheelsoil.wording.run_notes import Sentence, Values
 
@@ -269,8 +269,8 @@ SENTENCES: dict[str, Sentence] = {
     LackCode.AGAINST_STATIC: lambda v: f"the runs contradict a static test by {v['sigmas']:.0f} sigma",
     LackCode.NOT_CHECKED: "with fewer than three runs or conditions no name can be checked against others",
     LackCode.NOT_SURE: lambda v: (
-        f"its probability by these runs as they are is {chance(v['probability'])}, below the {100 * v['least']:g} % "
-        "that a name needs"
+        f"by these runs as they are, not averaged over resampled ones, its probability is {chance(v['probability'])}, "
+        f"below the {100 * v['least']:g} % that a name needs"
     ),
     LackCode.UNLISTED_MAY_ACT: lambda v: f"a cause that is not listed may act ({chance(v['probability'])})",
     LackCode.FORM_NOT_LISTED: lambda v: (
@@ -351,6 +351,10 @@ SENTENCES: dict[str, Sentence] = {
         f"{v['table']}: {v['rows']} rows with s <= 0 have a law of their own, Z = {1e3 * v['static_sinkage_m']:.1f} mm "
         f"+ ({1e3 * v['H2_m']:.1f} ± {1e3 * v['H2_sigma_m']:.1f}) mm s^2, held-out rms "
         f"{1e3 * v['left_out_rms_m']:.2f} mm; laws of a driven wheel are not asked there"
+    ),
+    DiagnosisCode.MORE_ALIKE: lambda v: (
+        f"{listed([' with '.join(map(plain_name, each)) for each in v['instead'][:3]], 'or')} would look the same as "
+        f"{listed(plain_names(v['families']), 'or')}: fewer causes at once are more probable"
     ),
     DiagnosisCode.SOIL_SIGMA_ASSUMED: lambda v: (
         f"{', '.join(v['campaigns'])}: no uncertainty of the soil is stated, the usual laboratory's is taken"

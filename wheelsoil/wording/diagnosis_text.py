@@ -11,7 +11,7 @@ from daq import OUTPUTS, ROLES, Note, Use, VehicleConfig, number, table_lines
 from model.diagnosis import Cause, CauseSet, Detectable, Diagnosis, Finding, Gain
 from wheelsoil.wording.figures import figure_interval, figure_value
 from wheelsoil.wording.grounds_text import NOT_IN_THESE_DATA, adequacy_words, undetectable
-from wheelsoil.wording.mending import next_steps, step_of
+from wheelsoil.wording.mending import first_steps
 from wheelsoil.wording.names import (
     SOIL_LETTERS,
     chance,
@@ -24,7 +24,15 @@ from wheelsoil.wording.names import (
     shares_percent,
 )
 from wheelsoil.wording.notes import key_text, note_text, step_text, texts_of, worth_text
-from wheelsoil.wording.verdict import deciding_runs, details_of, headline_of, refusal_words, several_terrains
+from wheelsoil.wording.verdict import (
+    deciding_runs,
+    details_of,
+    headline_of,
+    reduction_in,
+    refusal_words,
+    several_terrains,
+    stated_channel,
+)
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, errors_of, figures_of_diagnosis, sizes_of
 
 FINDING_NOTE = (
@@ -65,12 +73,6 @@ def nothing_chosen(gain: Gain) -> bool:
     return bool(gain.chosen) and not any(gain.chosen)
 
 
-def reduction(gain: Gain) -> tuple[str, float, float]:
-    """Return whether R0 falls or grows, and between what, in percent of the base's; the size is that of the gain."""
-    low, high = gain.interval95
-    return ("falls", low, high) if gain.reduction_percent >= 0 else ("grows", -high, -low)
-
-
 def not_named(not_identifiable: Mapping[str, Note], sizes: Mapping[str, Detectable]) -> dict[str, dict[str, str]]:
     """Return the families that cannot be named with the reason, by `NOT_IDENTIFIABLE` and `NOT_DETECTABLE`."""
     seen = {family_of(key) for key, least in sizes.items() if isfinite(least.value)}
@@ -107,17 +109,19 @@ def diagnosis_lines(
     vehicle: VehicleConfig | None,
     width: int = 96,
     *,
+    wheels: Mapping[str, VehicleConfig] | None = None,
     checks: Iterable[str] = (),
     verbose: bool = False,
 ) -> list[str]:
     """Return a diagnosis as lines of text: the verdict and the next step first, then the causes and the gain.
 
-    `vehicle` is what the next step may have to change, None where the runs are of several. The width is held between 80
+    `vehicle` is what the next step may have to change, None where the runs are of several; `wheels` has that of each
+    wheel, for a cause at one of them. The width is held between 80
     and 100. `checks` say where the recommended model is off. With `verbose` also probabilities, residuals, detectable
     sizes and further steps.
     """
     width = limited(width)
-    head = [*wrapped(headline_of(diagnosis), width), *_first_step(diagnosis, vehicle, width)]
+    head = [*wrapped(headline_of(diagnosis), width), *_first_steps(diagnosis, vehicle, wheels or {}, width)]
     details = wrapped(" ".join(details_of(diagnosis)), width)
     causes, inconsistent = _causes(diagnosis, width), _inconsistent(diagnosis, width)
     to_check, notes = _notes("To check", checks, width), _notes("Notes", texts_of(diagnosis.notes), width)
@@ -139,17 +143,21 @@ def diagnosis_lines(
         _next_run(diagnosis, width),
         notes,
     )
-    worth = wrapped(gain_text(diagnosis.gain, covered(diagnosis)), width) if diagnosis.gain is not None else []
+    worth = wrapped(text, width) if (text := gain_text(diagnosis)) else []
     brief = (worth, inconsistent, to_check, notes, wrapped(_REST, width))
     parts = (head, details, causes, *(whole if verbose else brief))
     return [line for i, part in enumerate(filter(None, parts)) for line in (("", *part) if i else part)]
 
 
-def _first_step(diagnosis: Diagnosis, vehicle: VehicleConfig | None, width: int) -> list[str]:
-    step = (next_steps(diagnosis, vehicle or VehicleConfig()) or [step_of(diagnosis)])[0]
-    what = step.what if step.campaign else f"{step.what[0].lower()}{step.what[1:]}"
-    text = wrapped(f"Next: {what.rstrip('.')}. {step.why}".rstrip(), width)
-    return [*text, *_indented(step.paste.splitlines() if vehicle is not None else ())]
+def _first_steps(
+    diagnosis: Diagnosis, vehicle: VehicleConfig | None, wheels: Mapping[str, VehicleConfig], width: int
+) -> list[str]:
+    return [
+        line
+        for text, step in first_steps(diagnosis, vehicle or VehicleConfig(), wheels)
+        for pasted in [step.paste.splitlines() if vehicle is not None else ()]
+        for line in (*wrapped(f"{text} {step.why}".rstrip(), width), *_indented(pasted))
+    ]
 
 
 def limited(width: int) -> int:
@@ -252,7 +260,7 @@ def _gain(diagnosis: Diagnosis, width: int) -> list[str]:
     return [
         "Gain on held-out data: cause and fit know the others only, the noise model all",
         *_indented(table_lines(head, rows, width=width - 2)),
-        *wrapped(gain_text(gain, covered(diagnosis)), width, "  "),
+        *wrapped(gain_text(diagnosis), width, "  "),
     ]
 
 
@@ -273,27 +281,30 @@ def score_rows(gain: Gain, number: Callable[[float, int], str], verdict: str) ->
 
 
 _COVERED = "held in 90 % of campaigns of a study"
-"""Of the interval of a gain: measured by studies/gain_interval on 200 campaigns of three to five runs."""
+"""Of the interval of a gain in pull: measured by studies/gain_interval on 200 campaigns of three to five runs."""
 _FEW_RUNS = 8
 
 
 def covered(found: Diagnosis) -> str:
-    """Return in how many campaigns the interval of a gain is right; "" where the study says nothing of such data."""
+    """Return in how many campaigns the interval of the gain is right; "" where the study says nothing of such data."""
     runs = len(found.gain.chosen) if found.gain is not None else 0
-    other = found.grounds.table_channels or several_terrains(found) is not None
+    other = found.grounds.table_channels or several_terrains(found) is not None or stated_channel(found) != "dp"
     return _COVERED if runs <= _FEW_RUNS and not other else ""
 
 
-def gain_text(gain: Gain, of_interval: str = _COVERED) -> str:
-    """Return the gain in a sentence; `of_interval` is what `covered` returns."""
-    if nothing_chosen(gain):
-        return NO_GAIN
-    how, low, high = reduction(gain)
+def gain_text(found: Diagnosis) -> str:
+    """Return the gain in a sentence, in the channel of the headline; "" where there is none."""
+    gain, channel, of_interval = found.gain, stated_channel(found), covered(found)
+    if gain is None or nothing_chosen(gain):
+        return NO_GAIN if gain is not None else ""
+    change = reduction_in(gain, channel)
+    how, sign = ("falls", 1) if change.percent >= 0 else ("grows", -1)
+    low, high = sorted(sign * end for end in change.interval95)
     within = f" (95 %: {number(low, 3)} to {number(high, 3)} %)" if isfinite(low) and isfinite(high) else ""
     chosen = sum(bool(keys) for keys in gain.chosen)
     folds = f"; {chosen} of {len(gain.chosen)} folds chose a cause" if gain.chosen else ""
     return (
-        f"R0 of the {OUTPUTS[gain.channel].name} {how} by {number(abs(gain.reduction_percent), 3)} %{within}; "
+        f"R0 of the {OUTPUTS[channel].name} {how} by {number(abs(change.percent), 3)} %{within}; "
         f"the log likelihood gains {number(gain.log_likelihood_gain, 4)} nats{folds}."
         + (f" The interval {of_interval}." if within and of_interval else "")
     )

@@ -290,12 +290,17 @@ def nothing_words(found: Diagnosis, chances: Mapping[str, float], none: float) -
     return sentences(statements)
 
 
-def want_words(not_identifiable: Mapping[str, Note]) -> list[Statement]:
-    """Return the causes that are not identifiable, with the reason; empty where only the usual reasons apply."""
+def wanting(found: Diagnosis) -> dict[str, Note]:
+    """Return why each cause is not identifiable, without the usual reasons and without what these data separate."""
+    separable = {f for f in found.grounds.confounded if chances_of(found).get(f, 0.0) < OPEN_AT}
+    return {f: why for f, why in found.not_identifiable.items() if why.code not in USUAL and f not in separable}
+
+
+def want_words(found: Diagnosis) -> list[Statement]:
+    """Return the causes that are not identifiable, with the reason."""
     by_reason: dict[str, list[str]] = {}
-    for family, why in not_identifiable.items():
-        if why.code not in USUAL:
-            by_reason.setdefault(note_text(why), []).append(plain_name(family))
+    for family, why in wanting(found).items():
+        by_reason.setdefault(note_text(why), []).append(plain_name(family))
     return sentences(
         [
             Statement(

@@ -69,6 +69,17 @@ def next_steps(
     return [*_up_to_three(found), *(replace(step, paste=_of_wheel(step.paste, of)) for step, of in steps)]
 
 
+def first_steps(
+    found: Diagnosis, vehicle: VehicleConfig, wheels: Mapping[str, VehicleConfig] | None = None
+) -> list[tuple[str, Step]]:
+    """Return the first of `next_steps` in a sentence; of named causes what removes each of them."""
+    steps = next_steps(found, vehicle, wheels) or [step_of(found)]
+    count = sum(1 for _ in _mending_steps(found, vehicle, wheels or {})) if found.verdict == "named" else 1
+    whats = [step.what if step.campaign else f"{step.what[0].lower()}{step.what[1:]}" for step in steps]
+    texts = [f"{'Also' if i else 'Next'}: {what.rstrip('.')}." for i, what in enumerate(whats)]
+    return list(zip(texts, steps, strict=True))[: max(count, 1)]
+
+
 def _mending_steps(
     found: Diagnosis, vehicle: VehicleConfig, wheels: Mapping[str, VehicleConfig]
 ) -> Iterator[tuple[Step, VehicleConfig]]:

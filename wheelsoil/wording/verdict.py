@@ -14,7 +14,6 @@ from model.effects import EFFECTS
 from wheelsoil.wording.error_text import error_text
 from wheelsoil.wording.grounds_text import (
     OPEN_AT,
-    USUAL,
     Statement,
     adequacy_words,
     chances_of,
@@ -30,6 +29,7 @@ from wheelsoil.wording.grounds_text import (
     unlisted_words,
     unsure_words,
     want_words,
+    wanting,
 )
 from wheelsoil.wording.names import chance, letter, listed, parameter_name, plain_name, stretches, upper, with_chance
 from wheelsoil.wording.notes import note_text, step_text
@@ -85,7 +85,8 @@ def statements_of(found: Diagnosis) -> list[Statement]:
 
 def headline_of(found: Diagnosis) -> str:
     """Return the verdict in one short sentence, with the gain on held-out runs where there is one."""
-    names, chances = [_name_of(cause, found) for cause in found.causes], [cause.probability for cause in found.causes]
+    causes = [c for c in found.causes if c.probability >= OPEN_AT or found.causes[0].probability <= _SURE]
+    names, chances = [_name_of(cause, found) for cause in causes], [cause.probability for cause in causes]
     if len(names) > _MOST_NAMES:
         names = [*names[: _MOST_NAMES - 1], f"{len(names) - _MOST_NAMES + 1} more"]
         chances = [*chances[: _MOST_NAMES - 1], min(chances[_MOST_NAMES - 1 :])]
@@ -102,7 +103,7 @@ def headline_of(found: Diagnosis) -> str:
         best = f"Most probably {names[0]}, but not named"
         return in_few_words(f"{best}: {note_text(why)}.", f"{best}: the reason is below.")
     if found.verdict == "one_of" and len(names) > 1:
-        sure = all(cause.probability > _SURE for cause in found.causes)
+        sure = all(cause.probability > _SURE for cause in causes)
         doubt = "not sure enough for names" if sure else "these data cannot separate them"
         sentence = f"{upper(alternatives(list(zip(names, chances, strict=True))))}: {doubt}"
     elif found.verdict == "one_of":
@@ -161,6 +162,11 @@ def falling_channel(found: Diagnosis) -> str | None:
     return next((c for c, by in changes.items() if by.percent >= NO_CHANGE and by.falls), None)
 
 
+def stated_channel(found: Diagnosis) -> str:
+    """Return the channel whose held-out error stands first wherever a verdict's gain is stated."""
+    return (falling_channel(found) if found.verdict in ("named", "one_of") else None) or found.main_channel
+
+
 def _fall_of(found: Diagnosis) -> str:
     """Return by how much the error falls that falls for certain; "" where none does."""
     channel = falling_channel(found)
@@ -197,7 +203,7 @@ def details_of(found: Diagnosis) -> list[str]:
     texts = [f"{sizes}." if statement.about == "cause" else statement.text for statement in statements]
     wants = [i for i, statement in enumerate(statements) if statement.about == "want"]
     if wants:
-        lacking = [plain_name(family) for family, why in found.not_identifiable.items() if why.code not in USUAL]
+        lacking = [plain_name(family) for family in wanting(found)]
         names = listed(lacking) if len(lacking) <= _MOST_LACKING else f"{len(lacking)} causes"
         texts[wants[0] : wants[-1] + 1] = [f"Not identifiable from these runs: {names}."]
     if found.verdict == "one_of" and found.causes[0].parameters and several_terrains(found) is None:
@@ -360,7 +366,7 @@ def _of_runs(found: Diagnosis) -> list[Statement]:
         statements = unexplained_words(found, found.adequacy)
     else:
         statements = nothing_words(found, chances, none)
-    return [*statements, *want_words(found.not_identifiable)]
+    return [*statements, *want_words(found)]
 
 
 def _verdict_of_table(found: Diagnosis) -> list[Statement]:
@@ -389,7 +395,7 @@ def _named_of_table(found: Diagnosis, channels: str, chances: Mapping[str, float
     statements: list[str | Statement] = [
         f"{upper(names)} is detected in {channels}, among explanations that are adequate"
     ]
-    if worth := gain_words(found.gain, found.main_channel):
+    if worth := gain_words(found.gain, stated_channel(found)):
         statements.append(Statement(f"On held-out conditions {worth}", "gain"))
     if beside:
         statements.append(f"Beside it, one of: {', '.join(with_chance(name, chances[name]) for name in beside)}")
@@ -429,7 +435,7 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
     statements: list[str | Statement] = [Statement(causes, "cause")]
     if free := found.grounds.free_form:
         statements.append(f"{upper(plain_name(free[0]))} acts by another formula than the listed ones, over {free[1]}")
-    if worth := gain_words(found.gain, found.main_channel):
+    if worth := gain_words(found.gain, stated_channel(found)):
         statements.append(Statement(f"On held-out runs {worth}", "gain"))
     if found.grounds.beside:
         statements.append(f"A further cause acts: {_alternatives(found.grounds.beside, chances)}")
@@ -535,7 +541,8 @@ def gain_words(gain: Gain | None, first: str = "") -> str:
 
 def alternatives(causes: Sequence[tuple[str, float]]) -> str:
     """Return causes, each with its probability, that are not parted: "and" between those that act for sure."""
-    sure, others = ([name for name, p in causes if (p > _SURE) == acts] for acts in (True, False))
+    sure = [name for name, p in causes if p > _SURE]
+    others = [name for name, p in causes if (OPEN_AT if sure else 0.0) <= p <= _SURE]
     if not sure:
         return listed(others, "or")
     return listed(sure) + (f", perhaps with {listed(others, 'or')}" if others else "")

@@ -7,7 +7,7 @@ scales (`model.effects`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations
@@ -15,9 +15,10 @@ from math import comb
 
 import numpy as np
 
-from daq import BoolArray, FloatArray, IndexArray
+from daq import BoolArray, FloatArray, IndexArray, Note
 from model.diagnosis.core.result import Candidate, Cause, CauseSet, ParameterEstimate
 from model.effects.catalogue import EFFECTS
+from model.notes import DiagnosisCode
 
 SIZE_PRIOR = (0.5, 0.35, 0.12, 0.03)
 """Probability of none, one, two and three causes."""
@@ -30,6 +31,8 @@ SETS_SHOWN = 6
 """Sets of causes, at most."""
 MORE_AT = 0.8
 """Probability from which on a further cause is reported beside a named one."""
+ALIKE_NATS = 4.0
+"""Log evidence, its prior apart, that more causes at once may lack and still look the same."""
 
 
 @dataclass(frozen=True)
@@ -252,6 +255,38 @@ def nearest_rival(found: Posterior, family: str) -> tuple[str, ...]:
     best = h.has_family[int(np.argmax(left))]
     chances = found.families()
     return (max((h.families[i] for i in np.flatnonzero(best)), key=lambda name: chances[name]),)
+
+
+def more_alike(found: Posterior, families: Sequence[str]) -> dict[tuple[str, ...], float]:
+    """Return more causes at once that look the same as some families: the prior of their number is what decides.
+
+    Returns
+    -------
+    dict
+        What would act in place of the families, and by how much its log evidence is less; fewest causes first.
+    """
+    h = found.hypotheses
+    score, given = found.log_evidence + h.log_prior, np.isin(h.families, families)
+    holds = h.has_family[:, given].any(axis=1)
+    best = int(np.argmax(np.where(holds, score, -np.inf)))
+    kept, lacks = h.has_family[best] & ~given, found.log_evidence[best] - found.log_evidence
+    alike = ~holds & h.has_family[:, kept].all(axis=1) & (lacks < ALIKE_NATS) & (found.probability > 0)
+    instead: dict[tuple[str, ...], float] = {}
+    for i in sorted(np.flatnonzero(alike).tolist(), key=lambda i: (h.has_family[i].sum(), -score[i])):
+        acts = {h.families[j] for j in np.flatnonzero(h.has_family[i] & ~kept)}
+        if not any(acts >= set(fewer) for fewer in instead):
+            instead[tuple(sorted(acts))] = float(lacks[i])
+    return {names: less for names, less in instead.items() if len(names) > h.has_family[best, given].sum()}
+
+
+def notes_of_more_alike(found: Posterior, verdict: str, families: tuple[str, ...]) -> tuple[Note, ...]:
+    """Return a note for each named family, or for the set of which one acts, that more causes look the same as."""
+    asked = [(family,) for family in families] if verdict == "named" else [families] if families else []
+    return tuple(
+        Note(DiagnosisCode.MORE_ALIKE, values={"families": own, "instead": (*more,), "nats": (*more.values(),)})
+        for own in asked
+        if (more := more_alike(found, own))
+    )
 
 
 def candidates(found: Posterior) -> tuple[Candidate, ...]:

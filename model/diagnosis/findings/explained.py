@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from daq import FloatArray
-from model.diagnosis.core.hypotheses import Posterior, cause_of, most_probable_form
+from model.diagnosis.core.hypotheses import LEVEL, Posterior, cause_of, most_probable_form
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.plot_data import PlotData
 from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
@@ -125,7 +125,7 @@ class Explained:
     Attributes
     ----------
     causes : tuple of Cause
-        The named ones, fitted together; or the members of a set, each fitted as if it were the one.
+        The named ones, fitted together; or the members of a set, each fitted with those that act for sure.
     extended : tuple of str
         Keys of the causes that the extended model has: the named ones, the most probable member of a set, the
         most probable set where nothing explains the data; empty where nothing is detected.
@@ -166,11 +166,18 @@ class Fits:
 
 
 def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
-    """Fit what a verdict is about."""
+    """Fit what a verdict is about: of a set each member with those that act for sure."""
     linearised = fits.linearised
     keys = tuple(most_probable_form(found, family) for family in verdict.families)
     extended = _extended(linearised, verdict, keys)
-    fits.fit((), extended, *([] if verdict.verdict == "named" else [(key,) for key in keys[:_MOST_FITTED]]))
+    chances, order = found.families(), [c.key for c in linearised.grams.causes]
+    sure = [key for f, key in zip(verdict.families, keys, strict=True) if chances[f] > LEVEL]
+    sets = {
+        key: together if found.hypotheses.position(together) is not None else (key,)
+        for key in keys[:_MOST_FITTED]
+        for together in [tuple(sorted({key, *sure}, key=order.index))]
+    }
+    fits.fit((), extended, *([] if verdict.verdict == "named" else sets.values()))
     whole = fits[extended]
     spread = spread_of(whole.problem, whole.estimate, linearised, extended)
     values: dict[str, tuple[ParameterEstimate, ...]] = {}
@@ -178,10 +185,10 @@ def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
     if verdict.verdict == "named":
         values, sizes = parameters_of(whole, linearised, spread), dict(whole.sizes)
     else:
-        for key in keys[:_MOST_FITTED]:
-            fit = fits[(key,)]
-            values |= parameters_of(fit, linearised, spread if extended == (key,) else None)
-            sizes |= fit.sizes
+        for key, members in sets.items():
+            fit = fits[members]
+            values[key] = parameters_of(fit, linearised, spread if extended == members else None)[key]
+            sizes[key] = fit.sizes[key]
     causes = tuple(
         cause_of(found, family, key, values.get(key, ())) for family, key in zip(verdict.families, keys, strict=True)
     )

@@ -12,7 +12,14 @@ from model.cores import one_thread
 from model.diagnosis.core.campaign import Bench, DiagnosisOptions
 from model.diagnosis.core.clock import OF_TABLES, Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.hypotheses import Posterior, candidates, cause_of, likely_sets, most_probable_form
+from model.diagnosis.core.hypotheses import (
+    Posterior,
+    candidates,
+    cause_of,
+    likely_sets,
+    most_probable_form,
+    notes_of_more_alike,
+)
 from model.diagnosis.core.naming import (
     Judgement,
     asked_again,
@@ -105,7 +112,10 @@ def diagnose_bench(benches: Sequence[Bench], options: DiagnosisOptions | None = 
         kept_back=barred_causes(weighing.posterior, verdict),
         lack_of_fit=LackOfFit(tuple(worst)),
         prior_shifts=shifts,
-        cautions=mixed_repeats(problem),
+        cautions=(
+            *notes_of_more_alike(weighing.posterior, verdict.verdict, verdict.families),
+            *mixed_repeats(problem),
+        ),
         table_channels=problem.channels,
         form_errors=form_errors_of(problem, given=options.error_of_form is not None),
         form_matters=turned,

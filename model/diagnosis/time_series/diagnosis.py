@@ -16,7 +16,7 @@ from model.cores import one_thread
 from model.diagnosis.core.campaign import Campaign, DiagnosisOptions
 from model.diagnosis.core.clock import Clock
 from model.diagnosis.core.consistency import inconsistencies
-from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, probable_sets
+from model.diagnosis.core.hypotheses import Posterior, candidates, likely_sets, notes_of_more_alike, probable_sets
 from model.diagnosis.core.naming import (
     BESIDE_USUAL,
     Judgement,
@@ -217,7 +217,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             terrains=two_soils(linearised.grams) if one_campaign else None,
             lack_of_fit=weighed.lack,
             prior_shifts=weighed.shifts,
-            cautions=disputes,
+            cautions=(*notes_of_more_alike(found, verdict.verdict, verdict.families), *disputes),
             refuted_soil=refuted,
             soil_instead=in_place,
             free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),

@@ -31,9 +31,9 @@ from wheelsoil.report.figures import (
     thinned_rows,
 )
 from wheelsoil.report.inputs import ReportInputs
-from wheelsoil.wording.diagnosis_text import NO_GAIN, nothing_chosen, reduction, score_rows
+from wheelsoil.wording.diagnosis_text import NO_GAIN, gain_text, nothing_chosen, score_rows
 from wheelsoil.wording.names import effect_name, family_of, listed
-from wheelsoil.wording.numbers import interval, number, signed
+from wheelsoil.wording.numbers import number
 
 _MEMBERS = 4
 _LOOKS = ("vasilev", "wong", "lyasko", "ding")
@@ -211,24 +211,12 @@ def gain(inputs: ReportInputs) -> Contents:
     if nothing_chosen(gain):
         return [Text(NO_GAIN), _gain_table(gain, found.verdict)], {"gain": gain}
     blocks: list[Block] = [
-        Text(_gain_sentence(gain), "good" if gain.log_likelihood_gain > 0 else "warning"),
+        Text(gain_text(found).replace("R0", "R₀"), "good" if gain.log_likelihood_gain > 0 else "warning"),
         _gain_table(gain, found.verdict),
         Panels([_gain_figure(gain)], _GAIN_READING),
         *([Text(_choices(gain))] if gain.chosen else []),
     ]
     return blocks, {"gain": gain}
-
-
-def _gain_sentence(gain: Gain) -> str:
-    """Return the gain in words."""
-    how, low, high = reduction(gain)
-    within = interval(low, high)
-    spread = "" if within == "–" else f" (95 %: {within} %)"
-    nats = signed(gain.log_likelihood_gain, ".1f")
-    return (
-        f"On held-out runs, R₀ of the {OUTPUTS[gain.channel].name} {how} by {abs(gain.reduction_percent):.1f} % with "
-        f"the extension{spread}; the log likelihood of what was measured gains {nats} nats."
-    )
 
 
 def _gain_table(gain: Gain, verdict: str) -> Table:

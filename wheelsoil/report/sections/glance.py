@@ -40,13 +40,13 @@ from wheelsoil.wording.verdict import (
     Groups,
     alternatives,
     details_of,
-    falling_channel,
     groups_of_runs,
     headline_of,
     peak_bars,
     reduction_in,
     sentences_of,
     several_terrains,
+    stated_channel,
 )
 from wheelsoil.workflows.key_figures import CALIBRATED_SOIL, Z95, figures_of_diagnosis, figures_of_traction
 
@@ -61,10 +61,7 @@ def glance(inputs: ReportInputs) -> Contents:
     found, sentences = inputs.diagnosed, _sentences(inputs)
     steps = Steps(steps_of_report(inputs), runs_again(inputs), [caution_text(bias) for bias in _cautions(inputs)])
     headline, details = _headline(inputs, sentences)
-    # The channel whose fall the headline tells; None where it tells of none.
-    channel_of_headline = falling_channel(found) if found and found.verdict in ("named", "one_of") else None
-    others = [confidence_tile(found), data_tile(inputs)]
-    tiles = Tiles([_error_tile(inputs, channel_of_headline), *others])
+    tiles = [_error_tile(inputs), confidence_tile(found), data_tile(inputs)]
     figure = figure_or_reason(lambda: hero(inputs))
     shared = figures_of_traction(inputs.traction) if inputs.runs and inputs.campaign else {}
     if found is not None:
@@ -75,14 +72,11 @@ def glance(inputs: ReportInputs) -> Contents:
         "next_step": steps.steps[0].what,
         "steps": steps.steps,
         "grades": {run.run.id: grade for run, grade in zip(inputs.runs, inputs.grades, strict=True)},
-        "tiles": {
-            tile.title: {"before": tile.before, "value": tile.value, "unit": tile.unit}
-            for tile in (_error_tile(inputs), *others)
-        },
+        "tiles": {tile.title: {"before": tile.before, "value": tile.value, "unit": tile.unit} for tile in tiles},
         "cautions": list(steps.cautions),
         "key_figures": shared,
     }
-    return [Text(headline, "verdict"), Text(" ".join(details), "lead"), tiles, figure, steps], numbers
+    return [Text(headline, "verdict"), Text(" ".join(details), "lead"), Tiles(tiles), figure, steps], numbers
 
 
 def only_driving(inputs: ReportInputs) -> list[str]:
@@ -125,13 +119,13 @@ def _sentences(inputs: ReportInputs) -> list[str]:
         return [f"No result: {error.what}."]
 
 
-def _error_tile(inputs: ReportInputs, main: str | None = None) -> Tile:
-    """Return the tile of the held-out error of a channel, of the main one unless another is given."""
+def _error_tile(inputs: ReportInputs) -> Tile:
+    """Return the tile of the held-out error of the headline's channel."""
     found = inputs.diagnosed
     gain = found.gain if found is not None else None
     if found is None or gain is None or found.main_channel not in gain.base:
         return _in_sample_tile(inputs)
-    main = main or found.main_channel
+    main = stated_channel(found)
     channel = OUTPUTS[main]
     factor, unit = page_unit(main)
     figures = figures_of_diagnosis(found)
