@@ -16,7 +16,7 @@ from daq import ConfigError, Note
 from daq.recording import RecordingWriter
 from model import StepCode
 from model.diagnosis import NextRun
-from processing import LOOK, ProcessOptions
+from processing import LOOK, ProcessOptions, Reason
 from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
 from wheelsoil.view.jobs import Member, fit_members, process_run
@@ -108,7 +108,10 @@ def test_the_page_shows_it_and_fits_no_soil_to_it(with_road: Path, tmp_path: Pat
     members = []
     for run in Files().open_runs([with_road], say_set_aside):
         members.append(Member(tmp_path / run.id, None))
-        assert len(process_run(run, ProcessOptions(purpose=LOOK), None, members[-1].file).trace.rows)
+        shown = process_run(run, ProcessOptions(purpose=LOOK), None, members[-1].file)
+        whys = {Reason(why).name for why in shown.trace.reason}
+        assert ("FIRM_GROUND" in whys, "USED" in whys) == ((True, False) if run.id == "road" else (False, True))
+        assert (shown.medians["load_n"] is None) == (run.id == "road") and not shown.no_use
     both, alone = (fit_members(some, FitChoices(), None)["models"] for some in (members, members[:-1]))
     assert both == alone
 
