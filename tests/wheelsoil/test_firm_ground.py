@@ -58,6 +58,13 @@ def test_a_diagnosis_says_that_its_rolling_is_data(campaign: Path, with_road: Pa
     assert "coasting of road" in " ".join(ok("diagnose", with_road, "--verbose").out.split())
 
 
+def test_the_files_of_a_report_have_the_run_on_firm_ground(with_road: Path, tmp_path: Path) -> None:
+    ok("report", with_road, "-o", tmp_path / "r.html", "--no-diagnosis")
+    numbers = json.loads((tmp_path / "r.json").read_text())
+    names = [file["run_id"] for file in numbers["sections"]["provenance"]["files"]]
+    assert names[-1] == "road" and len(names) == 3
+
+
 def test_process_shows_it_and_nothing_else_goes_without_soil(with_road: Path, tmp_path: Path) -> None:
     assert [entry["run"]["id"] for entry in ok("process", with_road, "--json").json][-1] == "road"
     for name in ("vehicle.toml", "terrain.toml", "road.mcap", *(path.name for path in with_road.glob("*.dbc"))):

@@ -460,7 +460,7 @@ def doubts_of(run: Run, wheel: str | None = None) -> list[str]:
         kept = place.get() if place else None
         processed = _process(run, place, options, None) if kept is None else kept
     except TimeUnitError as error:
-        return [fault.line for fault in error.faults]
+        return [f"{fault.what}: {fault.found}; {fault.next_step}" for fault in error.faults]
     except (WheelsoilError, OSError):
         return []  # `process` says what is wrong
     return texts_of(plausibility_of(processed))
