@@ -29,7 +29,10 @@ class Segment(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a sample is excluded; 0 = it is used. The first reason that holds is kept."""
+    """Why a sample is excluded; 0 = it is used. The first reason that holds is kept.
+
+    The last two are of a whole run that no soil is fitted to, on a page that shows it beside the others.
+    """
 
     USED = 0
     GAP = 1
@@ -45,6 +48,8 @@ class Reason(IntEnum):
     SLIP_NOT_MEASURED = 11
     STEERED = 12
     SENSOR_FAULT = 13
+    FIRM_GROUND = 14
+    SET_ASIDE = 15
 
 
 GROUND_SPEED = "ground_speed"

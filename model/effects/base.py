@@ -136,13 +136,18 @@ class Correction:
         return f"[sensors.{self.role}]" if self.role else "[wheel]"
 
     def line(self, vehicle: VehicleConfig, size: float) -> str:
-        """Return the line of vehicle.toml that mends an effect of a size; a comment where it declares no number now."""
+        """Return the line of vehicle.toml that mends an effect of a size; a comment where it declares no number now.
+
+        None is below 0: where a sensor would be early, others are late.
+        """
         section = vehicle.sensors.get(self.role, SensorSection()) if self.role else vehicle.wheel
         now = getattr(section, self.share_of or self.key, None) if section else 0.0
         if not isinstance(now, int | float):
             share = f" of {self.share_of}" if self.share_of else ""
             return f"# {self.key}: add {size * (1.0 if share else self.per_unit):{self.form}}{share} to what it is"
-        return f"{self.key} = {now + size * (now if self.share_of else self.per_unit):{self.form}}"
+        new = now + size * (now if self.share_of else self.per_unit)
+        never = f"0  # these runs ask for {new:{self.form}}, which cannot be: check those of the other sensors, too"
+        return f"{self.key} = {f'{new:{self.form}}' if new >= 0.0 else never}"
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnosis_samples import diagnosis, seen
 
-from daq import OUTPUTS, VehicleConfig
+from daq import OUTPUTS, VehicleConfig, parse_mapping
 from model.diagnosis import Cause, ParameterEstimate
 from model.effects import EFFECTS, Correction, Remedy
 from model.effects.speed_errors import SpeedLatency
@@ -84,6 +85,21 @@ def test_what_is_to_be_pasted_holds_the_value() -> None:
     said = mending_of(cause("wheel_inertia", 0.5), VEHICLE).paste.splitlines()
     assert said[1:] == [f"outboard_mass_kg = {10 + MASS_KG / 2:g}", f"outboard_inertia_kgm2 = {INERTIA_KGM2 / 2:g}"]
     assert "0.870 times" in mending_of(cause("drawbar_pull_gain", 0.15), VEHICLE).what
+
+
+@pytest.mark.parametrize("key", [key for key, effect in EFFECTS.items() if len(effect.parameters) == 1])
+@pytest.mark.parametrize("share", [1.0, 0.1, -0.1, -1.0])
+def test_the_reader_takes_every_line_to_paste(key: str, share: float) -> None:
+    """Of every effect, up to both bounds of its size; commands beside them are no lines."""
+    [parameter] = EFFECTS[key].parameters
+    paste = mending_of(cause(key, share * (parameter.upper if share > 0 else -parameter.lower)), VEHICLE).paste
+    said = "\n".join(line for line in paste.splitlines() if not line.startswith(("wheelsoil ", "cp ", "mv ")))
+    raw = VEHICLE.model_dump(mode="json", exclude_unset=True)
+    for table, values in tomllib.loads(said).items():
+        raw[table] = {**raw.get(table, {}), **values}
+    parse_mapping(raw, VehicleConfig, "vehicle.toml")
+    latencies = [sensor["latency_s"] for sensor in raw.get("sensors", {}).values() if "latency_s" in sensor]
+    assert all(latency >= 0 for latency in latencies)
 
 
 def test_an_effect_of_another_package_says_how_it_is_mended(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from daq import ConfigError, Note
 from daq.recording import RecordingWriter
 from model import StepCode
 from model.diagnosis import NextRun
-from processing import LOOK, ProcessOptions
+from processing import LOOK, ProcessOptions, Reason
 from wheelsoil.simulation import SimulationOptions
 from wheelsoil.simulation.vehicle import virtual_frames
 from wheelsoil.view.jobs import Member, fit_members, process_run
@@ -56,6 +56,13 @@ def test_a_diagnosis_says_that_its_rolling_is_data(campaign: Path, with_road: Pa
     assert sizes[1] < 0.8 * sizes[0] and "static" not in alone
     assert [c["name"] for c in both["causes"]] == [c["name"] for c in alone["causes"]]
     assert "coasting of road" in " ".join(ok("diagnose", with_road, "--verbose").out.split())
+
+
+def test_the_files_of_a_report_have_the_run_on_firm_ground(with_road: Path, tmp_path: Path) -> None:
+    ok("report", with_road, "-o", tmp_path / "r.html", "--no-diagnosis")
+    numbers = json.loads((tmp_path / "r.json").read_text())
+    names = [file["run_id"] for file in numbers["sections"]["provenance"]["files"]]
+    assert names[-1] == "road" and len(names) == 3
 
 
 def test_process_shows_it_and_nothing_else_goes_without_soil(with_road: Path, tmp_path: Path) -> None:
@@ -108,7 +115,10 @@ def test_the_page_shows_it_and_fits_no_soil_to_it(with_road: Path, tmp_path: Pat
     members = []
     for run in Files().open_runs([with_road], say_set_aside):
         members.append(Member(tmp_path / run.id, None))
-        assert len(process_run(run, ProcessOptions(purpose=LOOK), None, members[-1].file).trace.rows)
+        shown = process_run(run, ProcessOptions(purpose=LOOK), None, members[-1].file)
+        whys = {Reason(why).name for why in shown.trace.reason}
+        assert ("FIRM_GROUND" in whys, "USED" in whys) == ((True, False) if run.id == "road" else (False, True))
+        assert (shown.medians["load_n"] is None) == (run.id == "road") and not shown.no_use
     both, alone = (fit_members(some, FitChoices(), None)["models"] for some in (members, members[:-1]))
     assert both == alone
 

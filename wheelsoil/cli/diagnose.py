@@ -85,7 +85,16 @@ def diagnose_command(
     With --plan, RUN is a folder with vehicle.toml, terrain.toml and runs.toml (direction, added load, pass, inflation
     of each planned run), or --vehicle, --terrain and --runs name them; no recording is read.
     """
-    from wheelsoil.workflows import TableFiles, bench_of, campaigns_of, diagnosis_options, plan_campaigns, read_benches
+    from wheelsoil.wording.notes import texts_of
+    from wheelsoil.workflows import (
+        TableFiles,
+        bench_of,
+        campaigns_of,
+        defaults_taken,
+        diagnosis_options,
+        plan_campaigns,
+        read_benches,
+    )
     from wheelsoil.workflows.diagnosis import vehicles_of
     from wheelsoil.workflows.runs import Files, noted_in
 
@@ -142,6 +151,8 @@ def diagnose_command(
 
     def work(of_wheel: list[Run]) -> None:
         processed = per_wheel.processed("diagnose", of_wheel, files, by_hand)
+        for text in texts_of(defaults_taken(processed, {"direction", "pass_number"})):
+            per_wheel.remark(text)
         vehicles = {run.vehicle.model_dump_json(include={"wheel", "sensors"}) for run, _ in processed}
         if len(vehicles) == 1:
             configs[per_wheel.wheel] = processed[0][0].vehicle

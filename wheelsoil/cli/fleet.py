@@ -171,6 +171,7 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
             manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "done" and manifest.fault
         },
         "verdicts": dict(Counter(manifest.verdict for manifest in manifests if manifest.verdict).most_common()),
+        "causes": dict(Counter(name for each in manifests for name in each.causes.split(",") if name).most_common()),
         "rows": {table: sum(manifest.rows.get(table, 0) for manifest in manifests) for table in tables},
         "cpu_s": sum(manifest.cpu_s for manifest in manifests),
         "peak_bytes": max((manifest.peak_bytes for manifest in manifests), default=0),
@@ -182,6 +183,7 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
 
 def _print_status(facts: Mapping[str, Any]) -> None:
     from wheelsoil.wording.grounds_text import VERDICT_WORDS
+    from wheelsoil.wording.names import plain_name
 
     rows, failed = facts["rows"], facts["failed"]
     verdicts = ", ".join(
@@ -195,6 +197,7 @@ def _print_status(facts: Mapping[str, Any]) -> None:
             ("store", facts["store"]),
             ("campaigns", f"{facts['campaigns']}, {len(failed)} failed"),
             ("verdicts", verdicts or "none"),
+            ("causes", ", ".join(f"{plain_name(name)} {count}" for name, count in facts["causes"].items()) or "none"),
             ("rows", ", ".join(f"{name} {count:,}" for name, count in rows.items()) or "none"),
             ("computing", f"{_duration(facts['cpu_s'])} of one core, {each:.1f} s a campaign{longest}"),
             ("memory", f"{facts['peak_bytes'] / 1e6:.0f} MB at most for a campaign{largest}"),

@@ -118,7 +118,7 @@ class PerWheel:
         processed = process_on_soil(runs, options, files, choice=choice, check=check, set_aside=self.set_aside)
         soils = doubted_soils(run.terrain for run, _ in processed if files.soil is None)
         for text in (*doubted_runs([run for _, run in processed]), *soils):
-            self._remark(text)
+            self.remark(text)
         return processed
 
     def doubt(self, of_wheels: Mapping[str, Processed]) -> None:
@@ -136,7 +136,7 @@ class PerWheel:
 
         noted_in(self.set_aside_runs)(run)
 
-    def _remark(self, text: str) -> None:
+    def remark(self, text: str) -> None:
         """Print what is noted of this wheel's runs (stderr), and keep it for the JSON."""
         say_folded(text)
         self._remarks.append(text)

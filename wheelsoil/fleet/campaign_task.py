@@ -16,7 +16,7 @@ import pyarrow as pa
 from daq import ALL_WHEELS, ConfigError, Fault, WheelsoilError, peak_memory_bytes, reset_peak_memory
 from daq.runs import TERRAIN_FILE, VEHICLE_FILE, Run, SetAsideRun
 from model import one_thread, processes
-from model.diagnosis import DiagnosisOptions
+from model.diagnosis import Diagnosis, DiagnosisOptions
 from processing import LOOK
 from wheelsoil import __version__
 from wheelsoil.cache.codec import encode
@@ -24,6 +24,7 @@ from wheelsoil.cache.store import keeping_only, nothing_kept
 from wheelsoil.fleet import Manifest, open_store
 from wheelsoil.fleet.roots import Facts, Source, facts_of
 from wheelsoil.fleet.rows import Found, tables_of
+from wheelsoil.wording.grounds_text import OPEN_AT
 from wheelsoil.workflows import (
     CHOICE_FILE,
     BenchFiles,
@@ -117,12 +118,14 @@ def work_on(task: Task, url: str, options: FleetOptions, *, cached: bool = True)
             found = [Found(source, fault=_fault_of(error), state="failed")]
             content, tables = _made(found, opened, options)
         failed = any(each.state == "failed" for each in found)
+        diagnosis = None if failed else _diagnosis_of(found)
         manifest = Manifest(
             source.name,
             content,
             "failed" if failed else "done",
             _fault_in(found),
-            "" if failed else _verdict_of(found),
+            diagnosis.verdict if diagnosis else "",
+            ",".join(cause.name for cause in diagnosis.causes if cause.probability >= OPEN_AT) if diagnosis else "",
             opened.facts,
             rows={name: len(rows) for name, rows in tables.items()},
             options=asdict(options),
@@ -151,10 +154,11 @@ def _fault_in(found: Sequence[Found]) -> str:
     return "; ".join(": ".join(filter(None, (", ".join(own), fault))) for fault, own in places.items() if fault)
 
 
-def _verdict_of(found: Sequence[Found]) -> str:
-    """Return the verdict on a campaign: of all its wheels together, else the gravest of any."""
-    verdicts = {each.wheel: each.diagnosis.verdict for each in found if each.diagnosis}
-    return verdicts.get(ALL_WHEELS) or min(verdicts.values(), key=_GRAVEST.index, default="")
+def _diagnosis_of(found: Sequence[Found]) -> Diagnosis | None:
+    """Return the diagnosis of a campaign: of all its wheels together, else the gravest of any."""
+    of_wheels = {each.wheel: each.diagnosis for each in found if each.diagnosis}
+    gravest = min(of_wheels.values(), key=lambda each: _GRAVEST.index(each.verdict), default=None)
+    return of_wheels.get(ALL_WHEELS, gravest)
 
 
 def content_of(source: Source, inputs: object, options: FleetOptions) -> str:

@@ -32,8 +32,8 @@ class Manifest:
     state : "done" or "failed"
     fault : str
         Why it failed, or of one that is done what its silent wheels lack.
-    verdict : str
-        Of its diagnosis.
+    verdict, causes : str
+        Of its diagnosis; of the causes the names, with a comma between, of those that are named or not improbable.
     files : mapping path -> [bytes, time of change in ns]
         Of its sources when it was made.
     rows : mapping table -> number of rows
@@ -54,6 +54,7 @@ class Manifest:
     state: str
     fault: str = ""
     verdict: str = ""
+    causes: str = ""
     files: dict[str, list[int]] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
@@ -89,7 +90,7 @@ class Manifest:
                 raise ValueError(key)
         if not values.keys() >= _NEEDED:
             raise ValueError("a key is missing")
-        found = object.__new__(Manifest)  # of 100,000 campaigns each: 13 attributes at once
+        found = object.__new__(Manifest)  # of 100,000 campaigns each: 14 attributes at once
         vars(found).update(_DEFAULTS, **values)
         return found
 
@@ -121,7 +122,7 @@ def _is_rows(value: object) -> bool:
 
 
 _KINDS: dict[str, Any] = {
-    **dict.fromkeys(("campaign", "content", "fault", "verdict", "version"), _is_text),
+    **dict.fromkeys(("campaign", "content", "fault", "verdict", "causes", "version"), _is_text),
     "state": lambda value: value in ("done", "failed"),
     "files": _are_sources,
     "rows": _is_rows,

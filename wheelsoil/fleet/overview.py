@@ -36,7 +36,7 @@ from wheelsoil.fleet.trend_figures import MOST_POINTS, passport_drawing, trend_d
 from wheelsoil.report import ticks
 from wheelsoil.to_json import streamed
 from wheelsoil.web.bidi import in_texts, isolated
-from wheelsoil.wording.grounds_text import verdict_words
+from wheelsoil.wording.grounds_text import OPEN_AT, verdict_words
 from wheelsoil.wording.names import plain_name, upper
 from wheelsoil.wording.numbers import number, typeset
 from wheelsoil.wording.passport_text import change_lines, named_lines, passport_line, soil_lines
@@ -218,7 +218,9 @@ def _overview(holdings: Holdings) -> Overview:
     diagnoses = holdings.table(
         "diagnoses", ["wheel", "verdict", "R0_base", "R0_extended", "none_probability"]
     ).to_pandas()
-    of_verdicts = dataset.field("role").isin(["named", "one_of"])
+    of_verdicts = (dataset.field("role") == "named") | (
+        (dataset.field("role") == "one_of") & (dataset.field("probability") >= OPEN_AT)
+    )
     shown = holdings.where("causes", (*key, "at_wheel", "family", "role"), of_verdicts).to_pandas().drop_duplicates()
     shown["name"] = [
         plain_name(family) + (f" of wheel {at}" if wheel == ALL_WHEELS and isinstance(at, str) else "")

@@ -100,8 +100,8 @@ def find_sources(roots: Sequence[Path], not_read: list[str] | None = None) -> di
     Parameters
     ----------
     not_read : list of str, optional
-        Takes a line for each file that is nearly called like one that a campaign is described by, and for each folder
-        with series that lacks vehicle.toml.
+        Takes a line for each file that is nearly called like one that a campaign is described by, for each folder
+        with series that lacks vehicle.toml, and for each symbolic link to a folder.
 
     Returns
     -------
@@ -158,8 +158,14 @@ def _sources_in(root: str, not_read: list[str]) -> Iterator[tuple[Source, Beside
             _add_above(above, root, folder)
             yield source, _seen(files)
             continue
-        visible = (entry for entry in entries if not entry.name.startswith("."))
-        waiting += [entry.path for entry in visible if entry.is_dir(follow_symlinks=False)]
+        folders = [entry for entry in entries if not entry.name.startswith(".") and entry.is_dir()]
+        waiting += [entry.path for entry in folders if not entry.is_symlink()]
+        not_read += [
+            f"{f'{below}/{entry.name}'.strip('/')}: not read, because it is a link to a folder; next: name the folder "
+            "itself as a root, or move it here"
+            for entry in folders
+            if entry.is_symlink()
+        ]
         if _holds_series(folder, files):
             of_series.append((source, _seen(files)))
             continue

@@ -22,6 +22,7 @@ from wheelsoil.fleet.manifests import DONE, Damage, Manifest
 from wheelsoil.fleet.roots import Beside, Source, facts_of, find_sources
 from wheelsoil.fleet.rows import Found, tables_of
 from wheelsoil.fleet.store import Store, open_store, uncollected
+from wheelsoil.wording.store_text import verdict_with_causes
 
 Engine = Literal["local", "dask"]
 
@@ -237,8 +238,7 @@ def run_fleet(plan: Plan, workers: Workers) -> Iterator[Step]:
         yield Step(
             name=source.name,
             state=manifest.state,
-            outcome="; ".join(filter(None, (manifest.verdict.replace("_", " "), manifest.fault)))
-            or "was there already",
+            outcome="; ".join(filter(None, (verdict_with_causes(manifest), manifest.fault))) or "was there already",
             finished=finished,
             failed=failed,
             total=len(plan.todo),

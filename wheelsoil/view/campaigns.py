@@ -15,14 +15,14 @@ import numpy as np
 from daq import ConfigError, DataError, Fault, FloatArray, WheelsoilError
 from daq.runs import Collected, Run, campaign_folders, readable
 from model.wheel_soil import REFERENCE_INFLATION_KPA, Soil, Wheel
-from processing import LOOK, Interval, ProcessOptions, check_within, is_refused
+from processing import LOOK, Interval, ProcessOptions, check_within
 from wheelsoil.view.curve import Base
 from wheelsoil.view.jobs import Member, PlotData
 from wheelsoil.wording.notes import texts_of
 from wheelsoil.workflows import Files, known_soil, wheel_of
 from wheelsoil.workflows.choice import CHOICE_FILE, Choice, ChosenRun, is_called, load_choice, runs_in_use
 from wheelsoil.workflows.diagnosis import Together, together
-from wheelsoil.workflows.grading import Grade, grade_of, plausibility_of
+from wheelsoil.workflows.grading import Grade, grade_of
 from wheelsoil.workflows.runs import wheel_id
 
 RunState = Literal["waiting", "processing", "ready", "failed"]
@@ -74,9 +74,12 @@ class ViewedRun:
     @property
     def refused(self) -> str:
         """Why the run is impossible as it is declared, or on firm ground without having coasted; empty where not."""
-        if self.plot_data is None or not is_refused(self.plot_data.run):
-            return self.plot_data.no_use if self.plot_data else ""
-        return texts_of(plausibility_of(self.plot_data.run))[0]
+        return self.plot_data.no_use if self.plot_data else ""
+
+    @property
+    def on_soil(self) -> bool:
+        """Whether a model is fitted to the run, once it is processed, and drawn over it."""
+        return self.run.info.ground == "soft" and not self.refused
 
     def grade(self, plot_data: PlotData, keep: tuple[Interval, ...] | None, short: list[str]) -> Grade:
         """Return the grade of the kept part, as in the report; `short` is of `short_runs`."""
@@ -255,7 +258,7 @@ class ViewedCampaign:
             No run with a usable load is processed yet, or none has one.
         """
         keeps = self.keeps()
-        used = [run for run in self.runs if run.key in keeps and run.plot_data]
+        used = [run for run in self.runs if run.key in keeps and run.plot_data and run.on_soil]
         own = [run for run in self.runs if run.key == run_key and run.plot_data]
         median_n, speed_mps = self._medians(run_key, own, keeps) if own else (np.nan, np.nan)
         if np.isnan(median_n):
@@ -264,8 +267,13 @@ class ViewedCampaign:
         if load_n is None and np.isnan(median_n):
             kind = NotReadyError if self.pending else DataError
             expected = "a run with a usable vertical load"
-            missing = dict.fromkeys(text for run in used if run.plot_data for text in run.plot_data.missing.values())
-            what = ", and ".join(missing) or "the load on the wheel is not known"
+            whys = dict.fromkeys(
+                why
+                for run in self.runs
+                if run.key in keeps and run.plot_data
+                for why in (*run.plot_data.missing.values(), run.refused)
+            )
+            what = ", and ".join(filter(None, whys)) or "the load on the wheel is not known"
             raise kind(Fault(what, self.name, expected=expected))
         infos = [run.run.info for run in own] or [self.first.info]
         return Base(

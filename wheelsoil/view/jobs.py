@@ -16,7 +16,7 @@ from daq import ON_TIME_BASE, DataError, Use, VehicleConfig
 from daq.runs import Run
 from model.diagnosis import Diagnosis
 from model.wheel_soil import SOIL_PARAMETERS, Conditions, Soil, Wheel, conditions_of
-from processing import Interval, ProcessedRun, ProcessOptions, keep_only, require_roles
+from processing import Interval, ProcessedRun, ProcessOptions, Reason, is_refused, keep_only, require_roles
 from wheelsoil.report.inputs import source_of
 from wheelsoil.to_json import plain
 from wheelsoil.view.changes import changes_since_last
@@ -56,6 +56,7 @@ from wheelsoil.workflows.diagnosis import (
     known_diagnosis,
 )
 from wheelsoil.workflows.fit import fit_as_json, fit_runs, known_soil, wheel_of, whole_runs
+from wheelsoil.workflows.grading import plausibility_of
 from wheelsoil.workflows.key_figures import KeyFigure, figures_of_diagnosis
 from wheelsoil.workflows.runs import on_soil, process_runs, repetitions
 
@@ -78,7 +79,7 @@ class PlotData:
     missing : mapping role -> str
         See `processing.processed_run.QualityReport`.
     no_use : str
-        Why a run on firm ground shows no rolling radius; empty where it does, and of a run on soil.
+        Why the run is impossible as it is declared, or on firm ground without having coasted; empty where not.
     conditions : Conditions
         Of the drawn samples; place on the line and clock as if the run were alone.
     medians : mapping
@@ -125,6 +126,10 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         [(_, processed)] = process_runs([run], options, zero=zero, accept_implausible=True)
     known = replace(run, databases={}, attachments={}, recording=None)
     target.write_bytes(pickle.dumps((known, processed), pickle.HIGHEST_PROTOCOL))
+    no_use = _no_use(processed)
+    # One that no soil is fitted to is drawn without a used sample.
+    why = Reason.SET_ASIDE if no_use else Reason.FIRM_GROUND if processed.run.ground == "firm" else Reason.USED
+    processed = replace(processed, reason=np.where(processed.used, np.uint8(why), processed.reason))
     source, trace = source_of(run), trace_of(processed)
     [conditions] = conditions_of([processed], _UNIT_WEIGHT_N_M3)
     # The run without the arrays that the page does not use; see `PlotData`.
@@ -139,7 +144,7 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
         notes=(*map(typeset, texts_of(processed.quality.notes)), *filter(None, stderr.getvalue().splitlines())),
         sha256=source.sha256,
         missing={role: note_text(note) for role, note in processed.quality.missing.items()},
-        no_use=_no_use(processed),
+        no_use=no_use,
         conditions=conditions.rows(trace.rows),
         medians=medians_of(processed),
         marks=tuple(
@@ -151,11 +156,13 @@ def process_run(run: Run, options: ProcessOptions, zero: Path | None, target: Pa
 def _no_use(processed: ProcessedRun) -> str:
     from model.diagnosis import coasted
 
+    if is_refused(processed):
+        return texts_of(plausibility_of(processed))[0]
     try:
         if processed.run.ground == "firm":
             coasted(processed)
     except DataError as error:
-        return typeset("; ".join(f"{fault.what}: {fault.found}; {fault.next_step}" for fault in error.faults))
+        return typeset(str(error).replace("\n ", ";"))
     return ""
 
 

@@ -196,6 +196,7 @@ def _run_entry(
         "added_load_kg": info.added_load_kg,
         "inflation_kpa": info.inflation_kpa,
         "rut_readings": len(info.rut),
+        "on_soil": run.on_soil,
         "state": run.state,
         "why": fault_line(run.faults) if run.state == "failed" else None,
         "use": use,
@@ -213,12 +214,12 @@ def _run_entry(
     }
     if data is None:
         return entry
-    grade = run.grade(data, keep, short)
+    grade, judged = run.grade(data, keep, short), run.on_soil or bool(run.refused)
     return entry | {
         "duration_s": len(data.run) / data.run.rate_hz,
         "usable_share": grade.usable_share,
-        "grade": grade.level,
-        "notes": [*grade.reasons, *(note for note in data.notes if note not in grade.reasons)],
+        "grade": grade.level if judged else None,
+        "notes": list(dict.fromkeys((*(grade.reasons if judged else ()), *data.notes))),
         "sha256": data.sha256,
         **data.medians,
         "start_ns": data.run.start_ns,

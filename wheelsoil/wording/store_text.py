@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from wheelsoil.fleet import Damage
+from wheelsoil.fleet import Damage, Manifest
+from wheelsoil.wording.grounds_text import VERDICT_WORDS
+from wheelsoil.wording.names import plain_name
 
 _WHAT = {
     "manifest": "its manifest cannot be read",
@@ -23,6 +25,16 @@ PLAIN_SCHEDULER = (
     "as you. Use tls:// (docs/fleet.md), or a network that only your machines reach"
 )
 OPEN_STORE = "note: anyone on this machine may write into the store {}: `chmod o-w` keeps its rows yours"
+
+
+def verdict_with_causes(manifest: Manifest) -> str:
+    """Return a campaign's verdict in words, with its causes."""
+    return ": ".join(
+        [
+            VERDICT_WORDS.get(manifest.verdict, manifest.verdict),
+            *([", ".join(map(plain_name, manifest.causes.split(",")))] if manifest.causes else []),
+        ]
+    )
 
 
 def damage_lines(store: str, damaged: Sequence[Damage]) -> Iterator[str]:

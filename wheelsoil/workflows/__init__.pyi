@@ -11,6 +11,7 @@ from .diagnosis import diagnose_campaigns as diagnose_campaigns
 from .diagnosis import diagnosis_options as diagnosis_options
 from .diagnosis import plan_campaigns as plan_campaigns
 from .diagnosis import vehicles_of as vehicles_of
+from .fit import defaults_taken as defaults_taken
 from .fit import fit_as_json as fit_as_json
 from .fit import fit_runs as fit_runs
 from .fit import fit_table as fit_table

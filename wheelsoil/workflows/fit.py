@@ -179,18 +179,20 @@ def fit_runs(
     if len(passages) > len(set(drives)):
         differ = Note(FitCode.SEVERAL_PASSAGES, values={"passages": sorted({passage for _, passage in passages})})
         fit = replace(fit, notes=(*fit.notes, differ))
-    if taken := _defaults(processed, choices):
-        fit = replace(fit, notes=(*fit.notes, Note(FitCode.DEFAULTS_TAKEN, values={"values": taken})))
+    effects = [EFFECTS[key] for key in (*choices.effects, *(choices.extended.keys if choices.extended else ()))]
+    conditions = {name for effect in effects for name in effect.needs.conditions}
+    fit = replace(fit, notes=(*fit.notes, *defaults_taken(processed, conditions)))
     lacking = [(run.run.id, list(run.quality.missing)) for run in runs if run.quality.missing]
     if not lacking:
         return fit
     return replace(fit, notes=(Note(FitCode.RUNS_LACK_SIGNALS, values={"signals": lacking}), *fit.notes))
 
 
-def _defaults(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices) -> dict[str, dict[str, float | str]]:
-    """Return what changes this fit and no file states, by key, for the runs or wheels named; all of them: ""."""
-    effects = [EFFECTS[key] for key in (*choices.effects, *(choices.extended.keys if choices.extended else ()))]
-    conditions = {name for effect in effects for name in effect.needs.conditions}
+def defaults_taken(processed: Sequence[tuple[Run, ProcessedRun]], conditions: Set[str]) -> tuple[Note, ...]:
+    """Return a note of what changes a result under these conditions and no file states; nothing if all is stated.
+
+    Its values are by key, for the runs or wheels named; all of them: "".
+    """
     lacking: dict[tuple[str, float | str], list[str]] = {}
     for run, done in processed:
         for key, value in _unstated(run.vehicle, done.run, conditions):
@@ -199,7 +201,7 @@ def _defaults(processed: Sequence[tuple[Run, ProcessedRun]], choices: FitChoices
     taken: dict[str, dict[str, float | str]] = {}
     for (key, value), names in lacking.items():
         taken.setdefault("" if len(names) == len(processed) else ", ".join(dict.fromkeys(names)), {})[key] = value
-    return taken
+    return (Note(FitCode.DEFAULTS_TAKEN, values={"values": taken}),) if taken else ()
 
 
 def _unstated(vehicle: VehicleConfig, info: RunInfo, conditions: Set[str]) -> Iterator[tuple[str, float | str]]:

@@ -126,7 +126,15 @@ def report_of_opened(
     with computing("diagnosing"):
         found = diagnosed_runs(paths, processed, choices, files.soil) if diagnose else NOT_DIAGNOSED
     report = report_of_processed(
-        processed, choices, options, soil=files.soil, diagnosed=found, choice=choice, last=last, set_aside=aside
+        processed,
+        choices,
+        options,
+        soil=files.soil,
+        diagnosed=found,
+        choice=choice,
+        last=last,
+        set_aside=aside,
+        opened=opened,
     )
     return report, processed, found
 
@@ -142,10 +150,14 @@ def report_of_processed(
     choice: Choice | None = None,
     last: LastReport | None = None,
     set_aside: Sequence[SetAsideRun] = (),
+    opened: Sequence[Run] = (),
 ) -> Report:
-    """Fit processed runs, unless they are already, and build the report; see `report_of`."""
+    """Fit processed runs, unless they are already, and build the report; see `report_of`.
+
+    Of those `opened`, runs on firm ground that are static tests of the others stand among the files, too.
+    """
     first = one_terrain([run for run, _ in processed])
-    problem = ""
+    problem, aside = "", {run.run for run in set_aside}
     if campaign is None:
         try:
             with computing("fitting"):
@@ -158,7 +170,15 @@ def report_of_processed(
         no_fit=problem,
         vehicle=first.vehicle,
         terrain=campaign.soil.name if campaign else first.terrain.soil.name if first.terrain else "",
-        sources=tuple(source_of(run) for run, _ in processed),
+        sources=tuple(
+            map(
+                source_of,
+                (
+                    *(run for run, _ in processed),
+                    *(run for run in opened if run.info.ground == "firm" and run.id not in aside),
+                ),
+            )
+        ),
         command=command_line(),
         options={
             **_plain(choices),

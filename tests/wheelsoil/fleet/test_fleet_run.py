@@ -93,11 +93,14 @@ def test_what_looks_like_a_campaign_and_is_none_is_said(tmp_path: Path) -> None:
     assert caught.value.faults[0].found == "; ".join(lines)
     (roots / "driven").mkdir()
     (roots / "driven" / "run.mcap").touch()
+    (roots / "latest").symlink_to(roots / "driven")
+    lines.insert(1, "latest: not read, because it is a link to a folder; next: name the folder itself as a root")
+    lines[1] += ", or move it here"
     not_read: list[str] = []
     assert [one.name for one in find_sources([roots], not_read)] == ["driven"]
     assert not_read == lines
     said = invoke("fleet", "run", roots, "--store", tmp_path / "store").err.splitlines()
-    assert said[:4] == [*lines, "1 campaign, 0 in the store already"]
+    assert said[:5] == [*lines, "1 campaign, 0 in the store already"]
 
 
 def test_samples_are_the_run_s_own_at_5_hz(fleet: Path, store: Path, tmp_path: Path) -> None:

@@ -72,6 +72,18 @@ def test_a_stretch_of_time_is_highlighted_in_every_plot_and_zoomed(page: Page, v
     assert state(page, "zoom") is None and selection(page) is None
 
 
+def test_the_cross_plot_has_the_values_at_the_pointer(page: Page) -> None:
+    box = page.locator("#cross").bounding_box()
+    page.locator(curve_line("model")).wait_for(state="attached")
+    assert box
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.move(*middle)
+    told = page.locator("#cross .figure > text.number")
+    expect(told).to_have_text(re.compile(r"^slip 0\.\d\d · [−\d\u202f]+ · model [−\d\u202f]+ N$"))
+    page.mouse.move(middle[0], box["y"] + box["height"] - 2)
+    expect(told).to_have_text("")
+
+
 def test_the_cursor_is_one_in_all_plots(page: Page, view: View) -> None:
     drag(page, 10, 12)
     page.keyboard.press("Escape")

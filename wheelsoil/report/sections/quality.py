@@ -31,6 +31,8 @@ _REASONS = {
     Reason.SLIP_NOT_MEASURED: ("slip not measured", "#AA4499", "/"),
     Reason.STEERED: ("steered", "#44AA99", "\\"),
     Reason.SENSOR_FAULT: ("no measurement", "#661100", "|"),
+    Reason.FIRM_GROUND: ("on firm ground", "#6699CC", "."),
+    Reason.SET_ASIDE: ("run set aside", "#888888", "-"),
 }
 
 _GRADE_LABELS = {"good": "● good", "fair": "▲ fair", "poor": "■ poor"}

@@ -10,7 +10,7 @@ import { campaignOf, choiceOf, on, runOf, state, tell } from "./store.js";
 const LEFT = 54, RIGHT = 12, TOP = 12, BOTTOM = 40, COLUMNS = 44, LINES = 30, SHADES = 5, DRAG_PX = 5, MOST_BY_COLOUR = 3000;
 const MODELLED = ["drawbar_pull_n", "driving_torque_nm", "sinkage_m"];
 const OF_RUN = { load: ["load_n", 1e-3, "kN"], speed: ["speed_mps", 1, "m/s"], pass: ["pass_number", 1, ""] };
-let figure, X, Y, own, dot, planned = false, drag = null;
+let figure, X, Y, own, dot, pointed, planned = false, drag = null;
 
 export const figureOfCross = () => figure;
 
@@ -99,7 +99,8 @@ function drawNow() {
   inside.append(chosen, ...selectionBox(px, py));
   dot = svg("circle", { class: "at now", r: 5 });
   inside.append(dot);
-  figure.append(inside);
+  pointed = text("", 8, height - BOTTOM + 32, { class: "number" });
+  figure.append(inside, pointed);
   box.replaceChildren(figure);
   const load = state.curves[0]?.load_n, note = state.colour === "density" ? "density: all runs" : state.colour === "none" ? "" : `runs by ${state.colour}`;
   write(get("cross-note"), get("cross-note").title = [range.beyond ? `${range.beyond} excluded beyond` : "", note, `points: ${runOf(state.a)?.id ?? ""}`, state.b && `violet: ${runOf(state.b)?.id ?? campaignOf(state.b.campaign)?.name}`, load && curves.length ? `model at ${fixed(load / 1000, 1)} kN` : ""].filter(Boolean).join(" · "));
@@ -190,9 +191,17 @@ export function drawCurves() {
 function showCursor() {
   const data = state.a && samplesOf(state.a);
   if (!figure || !data) return;
-  const i = nearest(data.time_s, state.cursor ?? 0), seen = state.cursor !== null && own.x[i] !== null && own.y[i] !== null;
+  const i = nearest(data.time_s, state.cursor ?? 0), seen = state.cursor !== null && Number.isFinite(own.x[i]) && Number.isFinite(own.y[i]);
   dot.classList.toggle("none", !seen);
   if (seen) set(dot, { transform: `translate(${X(own.x[i]) - LEFT} ${Y(own.y[i]) - TOP - 8})` });
+}
+
+/** What is under the pointer, and the model there, in the line of the axis' title; nothing beside the axes. */
+function showPointer([x, y]) {
+  const [across, up] = [channel(state.cross.x), channel(state.cross.y)], inside = isWithin(x, X.limits) && isWithin(y, Y.limits);
+  const curve = figure.querySelector('.curve[data-curve="model"]')?.points, model = curve?.y[nearest(curve.x, x)];
+  const words = [`${across.name} ${fixed(x, across.digits)} ${across.unit}`.trim(), fixed(y, up.digits), Number.isFinite(model) && `model ${fixed(model, up.digits)}`];
+  pointed.textContent = inside ? `${words.filter(Boolean).join(" · ")} ${up.unit}` : "";
 }
 
 function listen(box) {
@@ -205,7 +214,9 @@ function listen(box) {
     drag = { x: event.clientX, y: event.clientY, at: at(event) };
     box.setPointerCapture(event.pointerId);
   });
+  box.addEventListener("pointerleave", () => { if (figure) pointed.textContent = ""; });
   box.addEventListener("pointermove", (event) => {
+    if (figure) showPointer(at(event));
     if (!drag || !figure || Math.hypot(event.clientX - drag.x, event.clientY - drag.y) < DRAG_PX) return;
     const [x, y] = at(event), { factor = 1 } = channel(state.cross.y), ends = [drag.at[1] / factor, y / factor].sort((p, q) => p - q);
     if (isSlip()) select({ kind: "slip", from: Math.min(x, drag.at[0]), to: Math.max(x, drag.at[0]), low: ends[0], high: ends[1], channel: state.cross.y });

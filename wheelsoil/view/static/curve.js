@@ -3,7 +3,7 @@
 import { ask, Gone, Locked } from "./api.js";
 import { get, write } from "./dom.js";
 import { samplesOf } from "./samples.js";
-import { choiceOf, current, on, state, tell } from "./store.js";
+import { choiceOf, current, on, runOf, state, tell } from "./store.js";
 import { tellError } from "./talk.js";
 
 const PATIENCE_MS = 15000;
@@ -114,6 +114,10 @@ async function predict() {
 
 async function predictOnce({ model, label }, a, samples) {
   if (!samples || wish.campaign !== a.campaign) return;
+  if (!runOf(a)?.on_soil) { // no soil is fitted to it: its samples stand alone
+    state.predictions = {};
+    return tell("prediction");
+  }
   const refused = (error) => { if (!error.faults && !(error instanceof Gone || error instanceof Locked)) throw error; };
   const found = {
     model: { label, ...(await ask("/api/prediction", { ...a, ...model, load_n: null }, PATIENCE_MS).catch(refused)) },

@@ -74,7 +74,7 @@ function makeRun() {
 
 function showRun(item, campaign, run) {
   const [use, button] = item.children, [name, load, more, tag] = button.children, used = isUsed(campaign.key, run);
-  const ready = run.state === "ready", mine = state.a?.campaign === campaign.key && state.a.run === run.key;
+  const ready = run.state === "ready", onRoad = !run.on_soil && !run.refused, mine = state.a?.campaign === campaign.key && state.a.run === run.key;
   use.checked = used && !run.refused;
   use.disabled = Boolean(run.refused);
   use.setAttribute("aria-label", `Use ${run.id}`);
@@ -86,13 +86,13 @@ function showRun(item, campaign, run) {
   button.setAttribute("aria-pressed", String(mine));
   button.classList.toggle("unused", !used || Boolean(run.refused));
   button.onclick = () => pick({ campaign: campaign.key, run: run.key });
-  button.title = run.refused ?? (run.state === "failed" ? run.why : ready ? `${run.grade}, ${Math.round(100 * (run.usable_share ?? 0))} % of the samples in motion usable` : run.state);
+  button.title = run.refused ?? (run.state === "failed" ? run.why : onRoad ? "No soil is fitted to it; how it coasts is data of a diagnosis" : ready ? `${run.grade}, ${Math.round(100 * (run.usable_share ?? 0))} % of the samples in motion usable` : run.state);
   write(name, run.id);
   write(load, ready && run.load_n !== null ? `${fixed(run.load_n / 1000, 1)} kN` : "");
-  const facts = [run.direction, `pass ${run.pass_number}`, chosenRun(campaign.key, run)?.keep ? "cut" : "", run.rut_readings ? `${run.rut_readings} ruts` : ""];
+  const facts = [onRoad && "on firm ground: a static test", run.direction, `pass ${run.pass_number}`, chosenRun(campaign.key, run)?.keep ? "cut" : "", run.rut_readings ? `${run.rut_readings} ruts` : ""];
   write(more, run.refused ?? (run.state === "failed" ? run.why : facts.filter(Boolean).join(", ")));
-  write(tag, run.refused ? "✕ set aside" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
-  tag.dataset.level = ready ? run.grade : run.state;
+  write(tag, run.refused ? "✕ set aside" : onRoad ? "" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
+  tag.dataset.level = ready && !onRoad ? run.grade : run.state;
 }
 
 const placeOf = (value) => {

@@ -56,7 +56,8 @@ function seriesOf(row, data, other) {
 function limitsOf(row, series, data) {
   const partial = row.key === "pull" && state.part !== "all" && data?.slip?.some((slip) => slip !== null && (slip > 0) === (state.part === "driving"));
   const seen = partial ? (i) => data.slip[i] !== null && (slip(data, i) > 0) === (state.part === "driving") : () => true;
-  const values = series.filter(({ quiet }) => !quiet).flatMap(({ look, y, x }) => (look === "other" || x !== data?.time_s ? y : y.filter((_, i) => seen(i))));
+  const used = series.filter(({ quiet }) => !quiet), drawn = used.some(({ y }) => y.some((value) => value !== null)) ? used : series;
+  const values = drawn.flatMap(({ look, y, x }) => (look === "other" || x !== data?.time_s ? y : y.filter((_, i) => seen(i))));
   const [low, high] = limits(values, 0.08);
   return [Math.min(low, low > 0 && low < (high - low) * 0.4 ? 0 : low), high];
 }

@@ -11,10 +11,10 @@ const key = (campaign, run) => JSON.stringify([campaign, run]);
 /** The samples of one run, if they are here. */
 export const samplesOf = (place) => kept.get(key(place.campaign, place.run))?.data;
 
-/** All runs of a campaign that are read and used, but for one. */
+/** All runs on soil of a campaign that are read and used, but for one. */
 export function othersOf(campaign, but) {
   return (campaignOf(campaign)?.runs ?? [])
-    .filter((run) => run.key !== but && run.state === "ready" && isUsed(campaign, run))
+    .filter((run) => run.key !== but && run.state === "ready" && run.on_soil && isUsed(campaign, run))
     .map((run) => ({ campaign, run: run.key }));
 }
 

@@ -68,7 +68,7 @@ function key(height) {
 function showCursor() {
   const data = state.a && samplesOf(state.a);
   if (!figure || !data) return;
-  const i = nearest(data.time_s, state.cursor ?? 0), known = state.cursor !== null && data.east_m[i] !== null && data.north_m[i] !== null;
+  const i = nearest(data.time_s, state.cursor ?? 0), known = state.cursor !== null && data.east_m[i] !== null && data.north_m[i] !== null && place(i).every(Number.isFinite); // until it is drawn, the line is of the run before
   dot.classList.toggle("none", !known);
   if (known) set(dot, { transform: `translate(${place(i).join(" ")})` });
 }
