@@ -36,19 +36,9 @@ class _BrokenError(Exception):
 def answers(task: str, path: Path, *arguments: str, what: str, next_step: str) -> Iterator[Any]:
     """Yield what a generator function yields in a process of its own.
 
-    Parameters
-    ----------
-    task : str
-        ``"module:function"``; it takes the path and the arguments.
-    what, next_step : str
-        Of the error when the function breaks down on the file.
-
-    Raises
-    ------
-    RecordingError
-        The function raised, its process ended, or it gave nothing for `LIBRARY_PATIENCE_S`.
-    WheelsoilError
-        That the function raised itself.
+    `task` is ``"module:function"``, which takes the path and the arguments. What it raises as `WheelsoilError` is
+    raised here. `RecordingError`, with `what` and `next_step`, where it raised anything else, its process ended, or it
+    gave nothing for `LIBRARY_PATIENCE_S`.
     """
     patience_s = LIBRARY_PATIENCE_S + path.stat().st_size / LIBRARY_BYTES_PER_S
     ours = {

@@ -128,14 +128,7 @@ class GnssClock:
         self._draw = np.random.default_rng(0)
 
     def take(self, time_ns: IntArray, gnss_s: FloatArray) -> None:
-        """Take GNSS time as it came in.
-
-        Parameters
-        ----------
-        time_ns : int64 array, shape (n,)
-            Arrival stamps, in their order; see `fit_clock`.
-        gnss_s : float64 array, shape (n,)
-        """
+        """Take GNSS time as it came in: arrival stamps in their order (see `fit_clock`) and times, shape (n,) each."""
         time_ns, gnss_s = _fresh(time_ns, gnss_s, self._last_s)
         if not len(gnss_s):
             return

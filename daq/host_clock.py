@@ -71,17 +71,8 @@ class Offset:
 class HostClock:
     """The time base of a session: file time is monotonic time plus `base_ns`. May be used from several threads.
 
-    Parameters
-    ----------
-    realtime, monotonic : callable
-        The two clocks, ns.
-
-    Attributes
-    ----------
-    base_ns : int
-        What is added to monotonic time to have file time.
-    steps : tuple of ClockStep
-        Every step since the session began, by file time when the step was observed.
+    `base_ns` is added to monotonic time to have file time. `steps` has every step since the session began, by file time
+    when it was observed.
     """
 
     def __init__(self, realtime: Callable[[], int] = realtime_ns, monotonic: Callable[[], int] = monotonic_ns) -> None:
@@ -162,14 +153,9 @@ class HostClock:
 class StampTracker:
     """Brings the stamps of one source to file time; for use in the thread that reads the source.
 
-    A stamp is tried with every difference of the clocks that can have held since the source was last known to be
-    empty. A stamp that fits exactly one of them gets that time. A stamp that fits several, or none, is flagged
+    A stamp is tried with every difference of the clocks that can have held since the source was last known to be empty.
+    A stamp that fits exactly one of them gets that time. A stamp that fits several, or none, is flagged
     `FrameFlag.UNCERTAIN_TIME` and gets a time that is not later than the true one.
-
-    Parameters
-    ----------
-    name : str
-        The source's.
     """
 
     def __init__(self, clock: HostClock, name: str) -> None:
@@ -190,17 +176,10 @@ class StampTracker:
         self._began_ns = self._clock.observe()
 
     def after_read(self, batch: FrameBatch) -> FrameBatch:
-        """Bring the times of the frames that were just read to file time.
+        """Bring the times of the frames that were just read to file time, in place, and return the batch.
 
-        Parameters
-        ----------
-        batch : FrameBatch
-            ``time_ns`` is CLOCK_REALTIME when each frame came in, the frames are in the order in which they came.
-
-        Returns
-        -------
-        FrameBatch
-            The same records: times and flags are changed in place. Times never decrease, from batch to batch neither.
+        They come as CLOCK_REALTIME when each frame came in, and in that order. They never decrease, from batch to batch
+        neither.
         """
         now = self._clock.observe()
         if not len(batch):

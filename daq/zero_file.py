@@ -123,12 +123,7 @@ def carried_zeros(vehicle: VehicleConfig, folder: Path) -> dict[str, bytes]:
     """Return the zero files that vehicle.toml names, by their names, for a recording to carry.
 
     Empty where vehicle.toml names none, and where there is none yet: the first one is determined from a recording that
-    was made without it.
-
-    Raises
-    ------
-    ConfigError
-        One is there and is wrong.
+    was made without it. `ConfigError` where one is there and is wrong.
     """
     names = [wheel.transducer.zero_file for wheel in vehicle.each_wheel if wheel.transducer.zero_file]
     there = [name for name in names if (folder / name).exists()]

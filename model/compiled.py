@@ -20,29 +20,11 @@ RESULTANTS, ENTRIES = 6, 13
 def contact(
     core: ctypes.CDLL, entries: Sequence[Any], count: int, rules: FloatArray, wanted: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return Eq. 7-9 of patches, and their derivatives by some entries of the patch.
+    """Return Eq. 7-9 of patches, shape (6, n), and their derivatives, shape (wanted entries, 6, n).
 
-    Parameters
-    ----------
-    entries : sequence of 13
-        In the order of `Patch`: a number, or an array of shape (n, 1).
-    count : int
-        n.
-    rules : array, shape (27 * nodes,)
-        Nodes, what is left of them to 1, and weights, of the rules (start, end, none): first of so many nodes, then of
-        twice as many.
-    wanted : int
-        Bit i asks for the derivatives by entry i.
-
-    Returns
-    -------
-    values : array, shape (6, n)
-    derivatives : array, shape (wanted entries, 6, n)
-
-    Raises
-    ------
-    ValueError
-        A size or type is wrong.
+    The 13 entries, in the order of `Patch`, are numbers or arrays of shape (n, 1); bit i of `wanted` asks for the
+    derivatives by entry i. `rules`, shape (27 * nodes,), has nodes, what is left of them to 1, and weights, of the
+    rules (start, end, none): first of so many nodes, then of twice as many. `ValueError` for a wrong size or type.
     """
     if not 0 <= wanted < 1 << ENTRIES:
         raise ValueError(f"expected derivatives by some of {ENTRIES} entries, got {wanted:b}")
@@ -71,24 +53,11 @@ def balance(
     start: FloatArray,
     limits: tuple[float, float, float],
 ) -> FloatArray:
-    """Return the sinkage at which each patch carries its load; NaN where none does.
+    """Return the sinkage at which each patch carries its load, shape (n, 1); NaN where none does.
 
-    Parameters
-    ----------
-    entries, rules : see `contact`
-        The entry angle is not used.
-    load, start : arrays, shape (n, 1)
-        N, and a first guess in m.
-    limits : tolerance of ln W; share of the radius where to start without a guess; the deepest, as a share
-
-    Returns
-    -------
-    array, shape (n, 1)
-
-    Raises
-    ------
-    ValueError
-        A size or type is wrong.
+    Entries and rules are those of `contact`; the entry angle is not used. The load is in N, the start a first guess in
+    m, shape (n, 1) both. The limits are the tolerance of ln W, the share of the radius where to start without a guess,
+    and the deepest, as a share. `ValueError` for a wrong size or type.
     """
     count = len(load)
     arrays, strides = _columns(entries, count)
@@ -112,24 +81,11 @@ def balance(
 def weigh(
     core: ctypes.CDLL, precision: FloatArray, side: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Return what decides the evidence of R replicates of S sets with m columns.
+    """Return what decides the evidence of R replicates of S sets with m columns, shape (3, R, S).
 
-    Parameters
-    ----------
-    precision : array, shape (m, m, R, S)
-    side : array, shape (m, R, S)
-    lower, upper : array, shape (m, S)
-        Bounds of the coefficients.
-
-    Returns
-    -------
-    array, shape (3, R, S)
-        ln det of the precision; the fall of the residual's square; the log probability of the bounds' box.
-
-    Raises
-    ------
-    ValueError
-        A size or type is wrong.
+    That is ln det of the precision, the fall of the residual's square, and the log probability of the bounds' box. The
+    precision has the shape (m, m, R, S), `side` (m, R, S), and the bounds of the coefficients (m, S). `ValueError` for
+    a wrong size or type.
     """
     shape = columns, replicates, sets = side.shape
     side, lower, upper = (np.ascontiguousarray(x, float) for x in (side, lower, upper))
@@ -149,15 +105,9 @@ def weigh(
 class StateSpace:
     """Noise of R runs of N samples in C channels by S states, as the compiled filter takes it.
 
-    Parameters
-    ----------
-    noise : loadings (R, N, C, S), decay (R, N, S), stationary covariance (S, S), white variance (R, N, C)
-    neighbours : positions of the states later, now and before (L,), shares (R, N, 3, L)
-
-    Raises
-    ------
-    ValueError
-        A size or type is wrong, or a position is outside the states.
+    `noise` is the loadings (R, N, C, S), decay (R, N, S), stationary covariance (S, S) and white variance (R, N, C);
+    `neighbours` is the positions of the states later, now and before (L,) and the shares (R, N, 3, L). `ValueError` for
+    a wrong size or type, or a position outside the states.
     """
 
     def __init__(
@@ -219,19 +169,9 @@ class StateSpace:
 class NoiseProcesses:
     """Processes of a noise over sites, and what each measured number sees of them.
 
-    Parameters
-    ----------
-    loads : sequence of sparse arrays (CSR), shape (sites, m)
-        Of each process.
-    lags : array, shape (2, sites, sites)
-        Distance of two sites in time and along the track.
-    over_distance : sequence of bool
-        Which of the two counts for each process.
-
-    Raises
-    ------
-    ValueError
-        A size or type is wrong.
+    `loads` are sparse arrays (CSR) of shape (sites, m), one for each process. `lags`, shape (2, sites, sites), is the
+    distance of two sites in time and along the track; `over_distance` says which of the two counts for each process.
+    `ValueError` for a wrong size or type.
     """
 
     def __init__(self, loads: Sequence[Any], lags: FloatArray, over_distance: Sequence[bool]) -> None:

@@ -47,10 +47,8 @@ def core_in_use() -> str:
 def library() -> ctypes.CDLL | None:
     """Return the compiled core, or None where numpy computes.
 
-    Raises
-    ------
-    ConfigError
-        `VARIABLE` asks for something else than ``numpy`` and ``c``, or for the compiled core where there is none.
+    `ConfigError` where `VARIABLE` asks for something else than ``numpy`` and ``c``, or for the compiled core where
+    there is none.
     """
     return _core(os.environ.get(VARIABLE, "")).library
 

@@ -101,12 +101,7 @@ def spread(objects: Sequence[Any], *, rows: int | None = None) -> Iterator[Ask]:
     """Spread objects over as many processes as `processes` allows, and yield what calls a method of each of them.
 
     What an object keeps from one call to the next stays in its process. Results come in the order of the objects.
-    `rows` is as of `in_parallel`.
-
-    Raises
-    ------
-    WheelsoilError
-        See `in_parallel`, as of exceptions.
+    `rows` is as of `in_parallel`. Errors are those of `in_parallel`, as of exceptions.
     """
     count = _copies(len(objects), rows)
     with _helpers([objects[i::count] for i in range(1, count)]) as lines:

@@ -337,13 +337,7 @@ def _of_vehicle(raw: Mapping[str, Any], where: str) -> ExtendedModel:
 
 
 def _of_several(file: AverageFile, where: str) -> ExtendedModel:
-    """Return the model of a file with several sets.
-
-    Raises
-    ------
-    ConfigError
-        Lists every fault at once.
-    """
+    """Return the model of a file with several sets; `ConfigError` lists every fault at once."""
     faults: list[Fault] = []
     sets = [
         _set(section, f"{where}, set {i} ({100 * section.probability:.3g} %)", faults)

@@ -57,10 +57,7 @@ def inference_data(
 ) -> DataTree:
     """Return groups for ArviZ: ``posterior``, ``prior`` and those of `data`, with units as attributes.
 
-    Raises
-    ------
-    ConfigError
-        arviz-base is not installed.
+    `ConfigError` where arviz-base is not installed.
     """
     try:
         from arviz_base import from_dict

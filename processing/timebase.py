@@ -100,20 +100,11 @@ def interpolate(at_s: FloatArray, time_s: FloatArray, values: FloatArray, max_ga
 
 
 def make_time_base(spans_ns: dict[str, tuple[int, int]], rate_hz: float) -> tuple[int, FloatArray]:
-    """Lay one time base over everything that was received.
+    """Lay one time base over everything that was received: UTC of the first sample in ns, and the times, shape (n,).
 
-    `spans_ns` has the first and last stamp of each role that a sample needs, latency removed.
-
-    Returns
-    -------
-    start_ns : int
-        UTC of the first sample, a multiple of the sampling interval.
-    time_s : float64 array, shape (n,)
-
-    Raises
-    ------
-    DataError
-        No common time, less than two samples, or far too many (a clock that is wrong by years).
+    `spans_ns` has the first and last stamp of each role that a sample needs, latency removed. The first sample is at a
+    multiple of the sampling interval. `DataError` where there is no common time, less than two samples, or far too many
+    (a clock that is wrong by years).
     """
     first_ns = min(first for first, _ in spans_ns.values())
     last_ns = max(last for _, last in spans_ns.values())

@@ -128,10 +128,7 @@ def _bar(label: str) -> Iterator[_Show | None]:
 def check_output(path: Path, *, force: bool = False) -> Path:
     """Check that a new file may be written to `path`, and return it.
 
-    Raises
-    ------
-    ConfigError
-        Its folder does not exist, it is a folder, or it exists already and `force` is not set.
+    `ConfigError` where its folder does not exist, it is a folder, or it exists already and `force` is not set.
     """
     if path.is_dir():
         raise ConfigError.of("the output is a folder", path, next_step="name a file in it")

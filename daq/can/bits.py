@@ -182,17 +182,9 @@ def bit_field(signal: Signal) -> BitField:
 
 
 def read_raw(field: BitField, data: NDArray[np.uint8]) -> NDArray[Any]:
-    """Read one field of many payloads.
+    """Read one field of many payloads: the raw values, shape (n,), perhaps a view of `data` in foreign byte order.
 
-    Parameters
-    ----------
-    data : uint8 array, shape (n, width), bytes of a row side by side
-        ``width`` must be at least the field's ``end_byte``.
-
-    Returns
-    -------
-    integer or float array, shape (n,)
-        Raw values; may be a view of `data` in foreign byte order.
+    `data` has the bytes of a row side by side, shape (n, width); the width is at least the field's ``end_byte``.
     """
     if field.direct is not None:
         return _container(field, data, field.direct)
@@ -216,11 +208,8 @@ def read_raw(field: BitField, data: NDArray[np.uint8]) -> NDArray[Any]:
 def write_raw(field: BitField, data: NDArray[np.uint8], raw: NDArray[np.uint64]) -> None:
     """Set one field of many payloads; the field's bits must be zero before.
 
-    Parameters
-    ----------
-    data : uint8 array, shape (n, width), bytes of a row side by side
-    raw : uint64 array, shape (n,)
-        Two's complement or IEEE bits, already cut to the field's length.
+    `data` has the bytes of a row side by side, shape (n, width). `raw` has two's complement or IEEE bits, already cut
+    to the field's length, shape (n,).
     """
     view = _container(field, data, field.word)
     if not field.spill:

@@ -171,23 +171,11 @@ def resolve_columns(
     """Find the column of each role among the topics of decoded series.
 
     A role names a column as its file writes it (``"FZ_RL [kN]"``), its plain name (``"FZ_RL"``), or topic and column
-    (``"/wheel_states.velocity[2]"``, ``"/wheel_states:velocity[2]"``), where several topics have the column.
+    (``"/wheel_states.velocity[2]"``, ``"/wheel_states:velocity[2]"``), where several topics have the column. `topics`
+    has the unit of each column of each topic; `source` names the file for messages.
 
-    Parameters
-    ----------
-    topics : mapping of topic to its columns, a mapping of column to unit
-    source : str
-        Name of the file that has them, for messages.
-
-    Returns
-    -------
-    dict
-        As `resolve_roles`; ``bus`` is empty.
-
-    Raises
-    ------
-    ConfigError
-        As `resolve_roles`; also for a column whose unit neither the file nor vehicle.toml states.
+    The result and the errors are those of `resolve_roles`, with an empty ``bus``; `ConfigError` also for a column whose
+    unit neither the file nor vehicle.toml states.
     """
     try:
         return _resolved(vehicle, needed, optional, lambda role, name: _find_column(role, name, topics))
@@ -201,16 +189,7 @@ def unused_validity(
     """Return the signal that looks like the validity of the ground speed and has no role, None where there is none.
 
     In the same message any name with "valid" counts; in another message of the bus the name must contain "speed" too.
-
-    Parameters
-    ----------
-    references : mapping role -> SignalRef
-    signals : mapping (bus, message) -> signals
-
-    Returns
-    -------
-    str or None
-        ``"Message.Signal"``.
+    `signals` is by bus and message; the result is ``"Message.Signal"``.
     """
     speed = references.get("ground_speed")
     if speed is None or "ground_speed_valid" in references:

@@ -58,18 +58,12 @@ class _IsoTransfer:
 class Transport:
     """Puts messages together, batch after batch.
 
-    Parameters
-    ----------
-    iso : mapping bus -> mapping (identifier, extended) -> bytes
-        Messages that may be sent by ISO-TP, each with its largest size.
-    j1939 : collection of str
-        Buses with messages that are sent by J1939's transport.
+    `iso` has, by bus, the messages (identifier, extended) that may be sent by ISO-TP, each with its largest size in
+    bytes; `j1939` are the buses with messages that are sent by J1939's transport.
 
-    Attributes
-    ----------
-    confirmed : set of (bus, identifier, extended)
-        Messages that are sent by ISO-TP: one of several frames was completed. Until then a frame may as well be a plain
-        one that is shorter than its database says, so that a single frame is not taken for ISO-TP.
+    `confirmed` are the messages (bus, identifier, extended) that are sent by ISO-TP: one of several frames was
+    completed. Until then a frame may as well be a plain one that is shorter than its database says, so that a single
+    frame is not taken for ISO-TP.
     """
 
     def __init__(self, iso: Mapping[str, Mapping[tuple[int, bool], int]], j1939: Collection[str]) -> None:

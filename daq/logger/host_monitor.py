@@ -62,13 +62,7 @@ class DiskState:
 
 
 class DiskGuard:
-    """Watches the free space of a folder.
-
-    Raises
-    ------
-    HardwareError
-        If there is less free than the reserve from the beginning.
-    """
+    """Watches the free space of a folder; `HardwareError` if less than the reserve is free from the beginning."""
 
     def __init__(self, folder: Path, *, warn_min: float, reserve_mb: float) -> None:
         self._folder = folder

@@ -36,10 +36,7 @@ class Shield:
     def run(self, act: Callable[[], T]) -> T | None:
         """Return what `act` returns, or None where it fails.
 
-        Raises
-        ------
-        HardwareError
-            If the disk fails: that is no matter of looking at frames.
+        `HardwareError` if the disk fails: that is no matter of looking at frames.
         """
         try:
             return act()
@@ -75,18 +72,8 @@ class Findings:
 class Inspection:
     """Decodes frames once, for health, traces and decoded topics.
 
-    Parameters
-    ----------
-    traced : VehicleConfig
-        The same with only those roles that can be resolved.
-    databases : mapping bus -> databases
-    started_ns : int
-        File time.
-
-    Raises
-    ------
-    ConfigError
-        The databases contradict each other.
+    `traced` is the vehicle with only those roles that can be resolved; `started_ns` is file time. `ConfigError` where
+    the databases of a bus contradict each other.
     """
 
     def __init__(

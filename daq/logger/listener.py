@@ -43,10 +43,7 @@ _LAST_FETCHES_S = 2.0
 class ByteQueue(Generic[T]):
     """Hands items from several threads to one, in order.
 
-    Parameters
-    ----------
-    limit_bytes : int
-        Where a put begins to wait. A single item may be larger: it is taken when the queue is empty.
+    A put waits beyond the limit. A single item may be larger: it is taken when the queue is empty.
     """
 
     def __init__(self, limit_bytes: int) -> None:
@@ -107,25 +104,12 @@ def together(arrivals: Sequence[Arrival]) -> list[Arrival]:
 
 
 class Listener(threading.Thread):
-    """Reads one source until `stop` is set.
+    """Reads one source until `stop` is set and the source is empty.
 
-    Parameters
-    ----------
-    number : int
-        Position of the bus among `buses`.
-    stop : threading.Event
-        Ends it, when the source is empty.
-
-    Attributes
-    ----------
-    alive_at : float
-        Monotonic time of the last iteration, for the watchdog.
-    fetched : int
-        Frames that were read so far.
-    unwritten : int
-        Those of them that were not recorded; counted when the recording is closed.
-    silences : deque of (int, int)
-        Monotonic times, ns, between which it took no turn, longer than `SILENCE_S`; taken by `HostMonitor`.
+    `number` is the position of the bus among `buses`. `alive_at` is the monotonic time of the last iteration, s, for
+    the watchdog. Of the frames `fetched`, those `unwritten` were not recorded; they are counted when the recording is
+    closed. `silences` are the monotonic times, ns, between which it took no turn for longer than `SILENCE_S`;
+    `HostMonitor` takes them.
     """
 
     def __init__(

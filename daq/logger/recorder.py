@@ -109,28 +109,12 @@ class RecorderOptions:
 class Recorder:
     """Writes one run after the other; used by the main thread only.
 
-    Parameters
-    ----------
-    clock : HostClock
-        Of the session.
-    run : RunFiles or None
-        The first run; None: begin between runs.
-    base : RunInfo
-        What is known of every run that a person starts; its id is that of a run without a name.
+    Without a first run it begins between runs. `base` is what is known of every run that a person starts; its id is
+    that of a run without a name. `paths` and `runs` are all files and run ids so far; `begun_ns` is the file time at
+    which this run, or the time between runs, began.
 
-    Attributes
-    ----------
-    paths, runs : list
-        All files so far, and the ids of the runs.
-    begun_ns : int
-        File time at which this run began, or the time between runs.
-
-    Raises
-    ------
-    RecordingError
-        If the first file cannot be made.
-    HardwareError
-        From every method that writes, if the disk fails or is full.
+    `RecordingError` if the first file cannot be made; `HardwareError` from every method that writes, if the disk fails
+    or is full.
     """
 
     def __init__(self, options: RecorderOptions, clock: HostClock, run: RunFiles | None, base: RunInfo) -> None:

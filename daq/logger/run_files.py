@@ -40,14 +40,9 @@ _LONGEST_NAME_BYTES = 200
 
 
 class FolderLock:
-    """A logger's hold on its folder.
+    """A logger's hold on its folder; `HardwareError` if another logger holds it, from `renew` too.
 
     A file system that knows no such locks (some network ones) is used without, and so is a system without `fcntl`.
-
-    Raises
-    ------
-    HardwareError
-        If another logger holds it; from `renew` too.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -117,15 +112,7 @@ def _take(descriptor: int) -> None:
 
 
 def _lock(descriptor: int, *, shared: bool = False) -> None:
-    """Lock an open folder.
-
-    Raises
-    ------
-    BlockingIOError
-        If another process holds it.
-    OSError
-        If the file system or the operating system has no such locks.
-    """
+    """Lock an open folder; `BlockingIOError` if another process holds it, `OSError` if there are no such locks."""
     try:
         import fcntl
     except ImportError:
@@ -184,11 +171,7 @@ def named_run(first: Path, run: RunInfo, vehicle: VehicleConfig) -> RunFiles:
     """Return the files of a run that people named; an existing run that was cut off continues.
 
     Where the clock was set back behind the last frame, a new run with a number begins: the times of a run do not.
-
-    Raises
-    ------
-    RecordingError
-        If the run is there and has ended.
+    `RecordingError` if the run is there and has ended.
     """
     run = run.model_copy(update={"id": run.id or first.stem})
     there = [*parts_on_disk(first).values()]
@@ -261,10 +244,7 @@ def _continued(first: Path, recording: Recording) -> RunFiles:
 def _last_begun(parts: Sequence[Path]) -> Recording | None:
     """Return the last part of a run in which there is something: what was begun when the power went may be empty.
 
-    Raises
-    ------
-    RecordingError
-        If a part is another kind of file.
+    `RecordingError` if a part is another kind of file.
     """
     for path in reversed(parts):
         try:

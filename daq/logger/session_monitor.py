@@ -48,10 +48,7 @@ _MOST_REMARKS = 50
 class Notifier:
     """Sends states to the socket that the service manager gave; without one it sends nothing.
 
-    Parameters
-    ----------
-    address : str
-        Path of a datagram socket; a leading ``@`` is one in the abstract namespace. Empty: nobody listens.
+    The address is the path of a datagram socket; with a leading ``@`` it is in the abstract namespace.
     """
 
     def __init__(self, address: str = "") -> None:

@@ -37,14 +37,7 @@ _REMARKS = 10
 class Traces:
     """Gathers samples until they are fetched; the oldest give way.
 
-    Parameters
-    ----------
-    databases : mapping bus -> databases
-
-    Raises
-    ------
-    ConfigError
-        A role names no signal, or one with an unknown unit.
+    `ConfigError` where a role names no signal, or one with an unknown unit.
     """
 
     def __init__(self, vehicle: VehicleConfig, databases: Mapping[str, Sequence[Database]]) -> None:

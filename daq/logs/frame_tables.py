@@ -176,10 +176,7 @@ def is_frame_table(head: bytes) -> bool:
 def read_frame_table(file: BinaryIO, report: LogReport, columns: FrameColumns | None = None) -> Iterator[FrameBatch]:
     """Yield the frames of a table; `columns` says which they are where its header is not known.
 
-    Raises
-    ------
-    ConfigError
-        The header is of no known program and `columns` is not given, or a named column is not there.
+    `ConfigError` where the header is of no known program and `columns` is not given, or a named column is not there.
     """
     rows: _Rows | None = None
     line = 1

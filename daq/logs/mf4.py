@@ -31,12 +31,8 @@ _FLAG_CHANNELS = {
 def read_mf4(file: BinaryIO, report: LogReport) -> Iterator[FrameBatch]:
     """Yield the frames of all CAN groups of an MF4 file, merged by time; BusChannel 1 is can1.
 
-    Raises
-    ------
-    ConfigError
-        If asammdf is not installed.
-    RecordingError
-        If asammdf cannot read the file, crashes on it, or gives nothing for long.
+    `ConfigError` without asammdf; `RecordingError` if that cannot read the file, crashes on it, or gives nothing for
+    long.
     """
     if importlib.util.find_spec("asammdf") is None:
         raise not_installed("MF4 files", "asammdf", report.path, "mf4")

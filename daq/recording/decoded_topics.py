@@ -154,14 +154,8 @@ class DecodedTopics(GatheredTopics[_Topic]):
     ) -> None:
         """Write a DBC message's physical values as a topic of its own.
 
-        Parameters
-        ----------
-        time_ns : int64 array, shape (n,)
-            Host receive time.
-        signals : mapping str -> float64 array, shape (n,)
-            NaN where a frame did not carry the signal.
-        units : mapping str -> str
-            Unit of every signal of the message; the first call for a message fixes the set of signals.
+        The times are those of receipt by the host. The signals, shape (n,) each, are NaN where a frame did not carry
+        them. `units` has every signal of the message; the first call for a message fixes the set of signals.
         """
         topic = self._topics.get((bus, message)) or self._new_topic(message, bus, units)
         assert topic.layout is not None

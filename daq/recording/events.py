@@ -245,16 +245,8 @@ class HostTopics(GatheredTopics[_HostTopic]):
         """Write the clock offsets of the frames of a bus, topic ``/clock/host``.
 
         To be called with every batch: it is written when an offset differs by more than 1 ms from what was written
-        last, and once a second.
-
-        Parameters
-        ----------
-        time_ns : int
-            On the recording's time base.
-        realtime_minus_monotonic_ns : int
-            The host's CLOCK_REALTIME less its monotonic clock (`daq.host_clock.monotonic_ns`: on Linux CLOCK_BOOTTIME).
-        file_minus_realtime_ns : int
-            The recording's time base less the host's CLOCK_REALTIME.
+        last, and once a second. `time_ns` is on the recording's time base; the host's monotonic clock is
+        `daq.host_clock.monotonic_ns` (on Linux CLOCK_BOOTTIME), and realtime is its CLOCK_REALTIME.
         """
         written = self._clocks.get(bus)
         if (

@@ -56,21 +56,11 @@ _TEXT_SUFFIXES = (".dbc", ".toml", ".txt", ".csv", ".json")
 class DiskFile:
     """A new file that is written from beginning to end, unbuffered; `overwrite` replaces one that is there.
 
-    Attributes
-    ----------
-    position : int
-        Bytes written.
-    failed : bool
-        Whether a write has failed; nothing is written any more then.
-    sync_took_s : float
-        How long the last fsync took, by `clock`.
+    `position` counts the bytes written. Once a write has `failed`, nothing is written any more. `sync_took_s` is how
+    long the last fsync took, by `clock`.
 
-    Raises
-    ------
-    RecordingError
-        If the file is there already, or cannot be made.
-    HardwareError
-        From `write`, `sync` and `begin_sync`, if the disk fails or is full.
+    `RecordingError` if the file is there already, or cannot be made; `HardwareError` from `write`, `sync` and
+    `begin_sync`, if the disk fails or is full.
     """
 
     def __init__(self, path: Path, *, overwrite: bool, clock: Callable[[], float] = time.monotonic) -> None:

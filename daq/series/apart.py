@@ -36,13 +36,7 @@ _WAITING: Held[_Opened] = Held(_Opened.close)
 
 
 def apart(reader: str) -> Any:
-    """Return a reader of series that works in a process of its own.
-
-    Parameters
-    ----------
-    reader : str
-        ``"module:function"``, of the signature that all readers share.
-    """
+    """Return a reader of series (``"module:function"``) that works in a process of its own."""
     return partial(_read_apart, reader)
 
 

@@ -20,13 +20,7 @@ def state_of(path: Path) -> State:
 
 
 class Held(Generic[T]):
-    """Keeps the last thing that was opened, and closes the one before it: many opened files take one handle.
-
-    Parameters
-    ----------
-    close : callable
-        Closes what is not taken.
-    """
+    """Keeps the last thing that was opened, and closes the one before it: many opened files take one handle."""
 
     def __init__(self, close: Callable[[T], object]) -> None:
         self._close = close

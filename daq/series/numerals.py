@@ -69,15 +69,8 @@ class Evidence:
 def parts_thousands(found: Evidence, sign: str, column: str, where: str, decimal_elsewhere: str) -> str:
     """Return why a sign parts thousands in a column, empty where it is the decimal sign.
 
-    Parameters
-    ----------
-    decimal_elsewhere : str
-        The sign before decimals in other columns of the table; empty where none decides.
-
-    Raises
-    ------
-    ConfigError
-        Both readings are equally good, or cells contradict each other.
+    `decimal_elsewhere` is the sign before decimals in other columns of the table, empty where none decides.
+    `ConfigError` where both readings are equally good, or cells contradict each other.
     """
     if found.decimal and found.thousands:
         raise _undecided(sign, column, where, f"{found.thousands} and {found.decimal}")

@@ -166,19 +166,9 @@ class Table:
     def numbers(self, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, FloatArray]:
         """Return columns as numbers, shape (rows,) each.
 
-        Parameters
-        ----------
-        required : names
-            Must be there, with a number in every cell.
-        optional : names
-            Left out of the result where the table lacks them; a missing cell is NaN.
-
-        Raises
-        ------
-        ConfigError
-            Required columns that are missing, each with the nearest that is there.
-        DataError
-            Cells that are not a number, with their lines.
+        Those of `required` must be there, or `ConfigError` names the nearest that is there, with a number in every
+        cell, or `DataError` names the lines. Those of `optional` are not in the result where the table lacks them; a
+        missing cell is NaN.
         """
         absent = [name for name in required if name not in self.columns]
         if absent:
@@ -241,14 +231,8 @@ def read_table(
     """Read a CSV file, with columns renamed (see `parse_rename`) and only some rows kept.
 
     The columns of `where` may go by their old or their new names, their cells are as in the file. Numbers are compared
-    as numbers.
-
-    Raises
-    ------
-    ConfigError
-        No such file, not a table, unknown columns in `rename` or `where`, or no row is left.
-    DataError
-        Rows that are longer or shorter than the head, or no row at all.
+    as numbers. `ConfigError` where there is no such file, it is not a table, `rename` or `where` have unknown columns,
+    or no row is left; `DataError` for rows that are longer or shorter than the head, or no row at all.
     """
     table = _renamed(_parsed(path), rename or {})
     return _chosen(table, where) if where else table

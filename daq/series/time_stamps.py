@@ -68,26 +68,12 @@ def is_time_text(cell: str) -> bool:
 def time_columns(units: Mapping[str, str], dates: Sequence[str], layout: SeriesSection, source: str) -> dict[str, str]:
     """Return the time column of each other column: the last one before it, or else the first one after it.
 
-    Of time columns side by side the first one counts.
+    Of time columns side by side the first one counts. `units` is in the order of the file; a column with the unit of
+    something else is no time. `dates` are those columns that hold dates or times of the day. The result is empty where
+    the file has no time column and `layout` gives a rate.
 
-    Parameters
-    ----------
-    units : mapping column -> unit
-        In the order of the file; a column with the unit of something else is no time.
-    dates : sequence of str
-        Those of them that hold dates or times of the day.
-
-    Returns
-    -------
-    dict
-        Column to time column; empty where the file has none and `layout` gives a rate.
-
-    Raises
-    ------
-    DataError
-        No time column, or a named one is not there.
-    ConfigError
-        `layout` gives a rate beside a time column.
+    `DataError` where there is no time column or a named one is not there, `ConfigError` where `layout` gives a rate
+    beside one.
     """
     columns = tuple(units)
     absent = [name for name in layout.times if name not in columns]
@@ -139,10 +125,7 @@ def refuse_rate(layout: SeriesSection, time: str, source: str) -> None:
 class TimeStamps:
     """Turns the cells of one time column into nanoseconds; the unit is settled by the first cells.
 
-    Parameters
-    ----------
-    unit : str
-        As the file or its header states it; empty where it does not.
+    `unit` is as the file or its header states it, empty where it does not.
     """
 
     def __init__(self, column: str, unit: str, layout: SeriesSection, report: SeriesReport) -> None:

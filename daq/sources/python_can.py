@@ -85,12 +85,8 @@ class AdapterClock:
     def realtime_ns(self, stamps_ns: IntArray, arrived_ns: IntArray) -> IntArray:
         """Return CLOCK_REALTIME at the moment each frame was stamped.
 
-        Parameters
-        ----------
-        stamps_ns : int64 array, shape (n,)
-            As the adapter says; 0 where it says nothing.
-        arrived_ns : int64 array, shape (n,)
-            Monotonic times at which the frames were fetched.
+        `stamps_ns` are the adapter's, 0 where it says nothing; `arrived_ns` are the monotonic times at which the frames
+        were fetched; shape (n,) each.
         """
         if not len(stamps_ns):
             return stamps_ns
@@ -239,11 +235,7 @@ class _OpenBus:
 class PythonCanSource(_OpenBus):
     """Frames of a python-can bus; see `daq.sources.can_source.Source`. Only of a multicast bus are losses counted.
 
-    Parameters
-    ----------
-    bus : BusSection
-    buffer_bytes : int, optional
-        Receive buffer to ask for, where the bus is a socket.
+    `buffer_bytes` is the receive buffer to ask for, where the bus is a socket.
     """
 
     def __init__(self, bus: BusSection, buffer_bytes: int | None = None) -> None:

@@ -323,10 +323,7 @@ class SocketCanSource:
 class SocketCanSink:
     """A SocketCAN interface to send frames to; see `daq.sources.can_source.Sink`.
 
-    Raises
-    ------
-    HardwareError
-        As `SocketCanSource` does.
+    `HardwareError` as from `SocketCanSource`.
     """
 
     def __init__(self, channel: str) -> None:

@@ -106,28 +106,13 @@ def fit_jointly(
     parameters: tuple[int, int],
     assumed_scatter: tuple[float, float],
 ) -> tuple[JointFit, GaussNewtonResult]:
-    """Fit common parameters to the pairs of numbers of several tests.
+    """Fit common parameters to the pairs of numbers of several tests, y_i of shape (2,) and S_i of shape (2, 2) in (1).
 
-    Parameters
-    ----------
-    estimates : sequence of (shape (2,), shape (2, 2))
-        y_i and S_i of (1).
-    common : see `Common`
-    start : shape (p,)
-    names : p names
-    parameters : (int, int)
-        How many parameters determine the first number of a test, and how many the second.
-    assumed_scatter : (float, float)
-        One-sigma of the two numbers between tests, used where there are no repeats.
+    `parameters` is how many of the p named ones determine the first number of a test, and how many the second.
+    `assumed_scatter` is the one-sigma of the two numbers between tests, used where there are no repeats. `DataError`
+    where the fit does not converge.
 
-    Raises
-    ------
-    DataError
-        The fit does not converge.
-
-    Source
-    ------
-    Davidian & Giltinan (1995), section 5.3.
+    Source: Davidian & Giltinan (1995), section 5.3.
     """
     measured = np.array([value for value, _ in estimates])
     points = np.array([spread for _, spread in estimates])

@@ -138,15 +138,9 @@ def windowed(test: PlateTest, options: WindowOptions) -> tuple[FloatArray, Float
     """Return sinkage and pressure of the samples that count, shape (points,), and how they were chosen.
 
     With a fitted zero the sinkage is from the detected contact, and samples that may lie below the zero are included.
+    `DataError` for values that are not numbers, or too few samples left.
 
-    Raises
-    ------
-    DataError
-        Values that are not numbers, or too few samples left.
-
-    Source
-    ------
-    Wong (1980), J. Terramechanics 17(1).
+    Source: Wong (1980), J. Terramechanics 17(1).
     """
     z, p = np.asarray(test.sinkage_m, float), np.asarray(test.pressure_pa, float)
     if z.ndim != 1 or z.shape != p.shape or not (np.isfinite(z).all() and np.isfinite(p).all()):

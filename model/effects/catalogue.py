@@ -90,10 +90,7 @@ _AT_WHEELS: dict[tuple[str, str], type[Effect]] = {}
 def at_wheel(effect: type[Effect], wheel: str) -> type[Effect]:
     """Return an effect that acts at one of several wheels alone: a family of its own, called ``family@wheel``.
 
-    Raises
-    ------
-    KeyError
-        It acts at all of them.
+    `KeyError` where it acts at all of them.
     """
     if not effect.goes_with_a_wheel():
         raise KeyError(effect.key())

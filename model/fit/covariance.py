@@ -60,21 +60,12 @@ def covariance(
     names: Sequence[str] | None = None,
     held: BoolArray | None = None,
 ) -> Covariance:
-    """Return the covariance of an estimate from its sensitivities.
+    """Return the covariance of an estimate from the residual's sensitivities at it, shape (m, p).
 
-    Parameters
-    ----------
-    jacobian : shape (m, p)
-        Sensitivities of the residual at the estimate.
-    variance : of one entry of the residual; 1 where the residual is already divided by its sigma
-    names : p names, optional
-        For the warnings; ``x1, x2, ...`` where there are none.
-    held : bool, shape (p,), optional
-        Parameters that are at a bound: they have no variance (NaN) and do not widen that of the others.
+    `variance` is that of one entry of the residual: 1 where the residual is already divided by its sigma. The names are
+    for the warnings. Parameters that are `held` at a bound have no variance (NaN) and do not widen that of the others.
 
-    Source
-    ------
-    Bates & Watts (1988), Nonlinear Regression Analysis, eq. 2.17.
+    Source: Bates & Watts (1988), Nonlinear Regression Analysis, eq. 2.17.
     """
     count = jacobian.shape[1]
     free = np.ones(count, bool) if held is None else ~held

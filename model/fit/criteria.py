@@ -70,31 +70,14 @@ def criteria(
     vertical_load_n: ArrayLike | None = None,
     rows: bool = False,
 ) -> Criteria:
-    """Compare a prediction with what was measured.
+    """Compare a prediction with what was measured; a sample where one of both or the slip is NaN does not count.
 
-    Parameters
-    ----------
-    actual, predicted, slip : shape (n,)
-        Samples where any of the three is NaN are excluded.
-    threshold : slip at or above which a sample counts; the paper's is 0.2 on clay and 0.1 on sandy soil
-    vertical_load_n : shape (n,), optional
-        For R0 over the mean load; for a torque load times radius, N m, so that the share is a number.
-    rows : bool
-        Samples are rows of a single-wheel test, each a bin of M0; else samples of runs, in any order.
+    A sample counts at or above the slip `threshold`; the paper's is 0.2 on clay and 0.1 on sandy soil. The vertical
+    load is for R0 over the mean load; for a torque it is load times radius, N m, so that the share is a number. With
+    `rows` samples are rows of a single-wheel test, each a bin of M0; else samples of runs, in any order. Criteria are
+    NaN, with a reason, where nothing is left to compare; `ValueError` for arrays of different lengths.
 
-    Returns
-    -------
-    Criteria
-        With NaN and a reason where nothing is left to compare.
-
-    Raises
-    ------
-    ValueError
-        The arrays have different lengths.
-
-    Source
-    ------
-    Yang et al. (2016), section 1.3 and Fig. 4 and 5; bins and limits of M0 are ours.
+    Source: Yang et al. (2016), section 1.3 and Fig. 4 and 5; bins and limits of M0 are ours.
     """
     ya, yp, s = (np.asarray(values, float).ravel() for values in (actual, predicted, slip))
     if not ya.size == yp.size == s.size:

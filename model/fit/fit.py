@@ -398,12 +398,8 @@ def judge_alike(
 ) -> tuple[ModelFit, ...]:
     """Give each model M0, R0 and R2, on the same samples: those that every one of them has an answer for.
 
-    Parameters
-    ----------
-    measured : Observations or another `Measured`, n samples
-    predicted : for each fit a mapping channel -> array (n,), N, N m or m; NaN where the model has no answer
-    threshold : slip from which on a sample counts
-    radius_m : of the wheel: a torque's error is reported relative to load times radius
+    `predicted` has for each fit the channels, shape (n,), in N, N m or m, NaN where the model has no answer. A sample
+    counts from the slip `threshold` on. A torque's error is reported relative to load times the wheel's radius.
     """
     answered = np.logical_and.reduce([np.isfinite(p["dp"]) for p in predicted])
     forces = {"dp": measured.vertical_load_n, "t": radius_m * measured.vertical_load_n}

@@ -172,30 +172,14 @@ def gauss_newton(
 ) -> GaussNewtonResult:
     """Minimise the sum of squares of a residual.
 
-    Parameters
-    ----------
-    residual_and_jacobian : callable
-        ``x, shape (p,) -> (r, shape (m,), J = dr/dx, shape (m, p))``. Where either is not finite the step is rejected.
-    start : shape (p,)
-        Within the bounds; may lie on them.
-    lower, upper : shape (p,), optional
-        Box; equal bounds hold a parameter fixed.
-    scale : shape (p,), optional
-        Typical sizes, positive: what ``epsilon`` is relative to where a parameter is near 0, and what the first radius
-        is measured in where the start is 0.
-    names : p names, optional
-        For messages.
+    `residual_and_jacobian` takes x, shape (p,), and returns r, shape (m,), and J = dr/dx, shape (m, p); where either is
+    not finite the step is rejected. The start is within the bounds and may lie on them; equal bounds hold a parameter
+    fixed. `scale` has typical sizes, positive: what ``epsilon`` is relative to where a parameter is near 0, and what
+    the first radius is measured in where the start is 0. The names are for messages.
 
-    Raises
-    ------
-    ConfigError
-        Start, bounds, scale or options that cannot be; all at once.
-    ValueError
-        The callable returns arrays of the wrong shape.
+    `ConfigError` lists every start, bound, scale or option that cannot be; `ValueError` for arrays of the wrong shape.
 
-    Source
-    ------
-    Yang et al. (2016), Fig. 2.
+    Source: Yang et al. (2016), Fig. 2.
     """
     options = options or GaussNewtonOptions()
     _check_options(options)

@@ -74,19 +74,9 @@ def profile_of_sum(
 ) -> tuple[float, float]:
     """Return the interval of x[i] + x[j] within which the refitted cost rises by at most `allowed`.
 
-    Parameters
-    ----------
-    x : array, shape (p,)
-        The minimum.
-    pair : (i, j)
-    allowed : in units of the whitened cost
-    span : about how far from the minimum to expect the ends; the default is a quarter of the sum
-    precision : of the distance of an end from the minimum, relative
-
-    Returns
-    -------
-    (low, high)
-        Where the parameters' bounds stop the search first, the bound.
+    `x` is the minimum, `pair` is (i, j), `allowed` is in units of the whitened cost. `span` is about how far from the
+    minimum to expect the ends (default: a quarter of the sum), `precision` that of their distance from the minimum,
+    relative. Where the parameters' bounds stop the search first, the end is the bound.
     """
     i, j = pair
     lower, upper = (np.array([getattr(f, side) for f in problem.free]) for side in ("lower", "upper"))
@@ -233,12 +223,8 @@ def blocks_of(
 ) -> Blocks:
     """Group samples: rows of a table singly, a time series in blocks of six correlation times.
 
-    Wheels that were driven together share their blocks: an error of the ground speed is in the slip of all.
-
-    Parameters
-    ----------
-    drive : int array, shape (n,), optional
-        Of each sample; by default every run is a drive of its own.
+    Wheels that were driven together share their blocks: an error of the ground speed is in the slip of all. By default
+    every run is a drive of its own.
     """
     if independent:
         return Blocks(np.arange(len(residual)), len(residual), float("nan"), float("nan"))
@@ -283,22 +269,13 @@ class Sandwich:
 def sandwich(jacobian: FloatArray, scores: FloatArray, blocks: Blocks, prior: FloatArray | None = None) -> Sandwich:
     """Return the block-sandwich covariance with the jackknife's correction for leverage.
 
-    A block that holds much of the information pulls the fit towards itself, so that its residual is too small:
-    its summed score is multiplied by (I - H_b H^-1)^-1. Few blocks with much of the information leave few degrees of
-    freedom, 1/sum(h_b^2) - 1 with h_b the block's share of the information.
+    A block that holds much of the information pulls the fit towards itself, so that its residual is too small: its
+    summed score is multiplied by (I - H_b H^-1)^-1. Few blocks with much of the information leave few degrees of
+    freedom, 1/sum(h_b^2) - 1 with h_b the block's share of the information. `jacobian`, shape (n, c, p), has the
+    whitened sensitivities of each sample's c channels, `scores`, shape (n, p), are w_i J_i' e_i. `prior`, shape (p, p),
+    is the information of a prior: part of H, and of what varies.
 
-    Parameters
-    ----------
-    jacobian : array, shape (n, c, p)
-        Whitened sensitivities of each sample's c channels.
-    scores : array, shape (n, p)
-        w_i J_i' e_i.
-    prior : array, shape (p, p), optional
-        Information of a prior: part of H, and of what varies.
-
-    Source
-    ------
-    Bell & McCaffrey (2002), Survey Methodology 28:169 (leverage, degrees of freedom).
+    Source: Bell & McCaffrey (2002), Survey Methodology 28:169 (leverage, degrees of freedom).
     """
     p = scores.shape[1]
     known = np.zeros((p, p)) if prior is None else prior

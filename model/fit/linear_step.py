@@ -115,19 +115,9 @@ def bounded_least_squares(
     """Return y that minimises ``|matrix y - target|`` with ``lower <= y <= upper``, by active sets.
 
     For the small dense problems of one step; scipy's ``lsq_linear`` does the same, but takes longer to import than most
-    fits take, and stops at an absolute tolerance.
+    fits take, and stops at an absolute tolerance. The matrix has the shape (k, p); the start need not lie in the box.
 
-    Parameters
-    ----------
-    matrix : shape (k, p)
-    target : shape (k,)
-    lower, upper : shape (p,)
-    start : shape (p,)
-        Need not lie in the box.
-
-    Source
-    ------
-    Stark & Parker (1995), Computational Statistics 10, 129-141.
+    Source: Stark & Parker (1995), Computational Statistics 10, 129-141.
     """
     y = np.clip(start, lower, upper)
     held = (y == lower) | (y == upper)

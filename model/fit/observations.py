@@ -83,15 +83,9 @@ def observations_of(
     """Collect the usable samples of processed runs, thinned.
 
     Only every k-th sample is kept, so that the rate is still 2.5 times the filter's cutoff: what is excluded holds no
-    information that its neighbours do not have. Samples with a rut reading are all kept.
-
-    Parameters
-    ----------
-    conditions : sequence of RunConditions, optional
-        Of every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more
-        than slip and load.
-    drives : sequence of int, optional
-        See `Observations`; their times are of one clock.
+    information that its neighbours do not have. Samples with a rut reading are all kept. `conditions` are those of
+    every sample of each run (`model.wheel_soil.run_conditions.conditions_of`), for effects that ask for more than slip
+    and load. The times of `drives` (see `Observations`) are of one clock.
     """
     chosen = [np.flatnonzero(run.used & _thinned(run)) for run in runs]
     place = np.repeat(np.arange(len(runs)), [len(rows) for rows in chosen])

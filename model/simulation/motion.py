@@ -59,12 +59,8 @@ class WheelLoad:
     """Load between wheel and soil, positive up on the wheel, stretch after stretch of a run.
 
     A rear wheel gains load m a h/(2 L) when the vehicle accelerates, a front wheel loses it. The road acts through a
-    linear quarter vehicle, so that the load swings at body and wheel frequency and rests at standstill.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws the road, one number for each sample.
+    linear quarter vehicle, so that the load swings at body and wheel frequency and rests at standstill. The generator
+    draws the road, one number for each sample.
     """
 
     def __init__(self, setup: VehicleSetup, rate_hz: float, added_load_kg: float, rng: np.random.Generator) -> None:
@@ -271,20 +267,10 @@ def drawn_drive(
     coast_slip: float = -0.1,
     style: DrivingStyle | None = None,
 ) -> Drive:
-    """Draw one run.
+    """Draw the number of cycles of one run of at least `SHORTEST_RUN_S`, their slip, speed and length.
 
-    Parameters
-    ----------
-    duration_s : at least `SHORTEST_RUN_S`
-    rng : numpy.random.Generator
-        Draws the number of cycles, their slip, speed and length.
-    rate_hz : samples per second of the motion
-    coast_slip : slip at which the wheel transmits no torque
-
-    Raises
-    ------
-    ConfigError
-        The run is too short for one cycle between two standstills.
+    At `coast_slip` the wheel transmits no torque. `ConfigError` for a run that is too short for one cycle between two
+    standstills.
     """
     if not duration_s >= SHORTEST_RUN_S:
         raise ConfigError.of(

@@ -306,10 +306,8 @@ def _jerk_mps3(drive: Drive, start: int, stop: int) -> FloatArray:
 class _Felt:
     """What the sensors get to feel and see of a run, stretch by stretch.
 
-    Parameters
-    ----------
-    uphill : sine of the tilt as the vehicle drives it
-    last : load, drawbar pull and torque at the end of the run
+    `uphill` is the sine of the tilt as the vehicle drives it; `last` is load, drawbar pull and torque at the end of the
+    run.
     """
 
     def __init__(
@@ -422,13 +420,8 @@ class Faulty:
 class Sensors:
     """The sensors on one run; they are read stretch by stretch.
 
-    Parameters
-    ----------
-    count : samples of the motion of the whole run
-    streams : of the transducer, the wheel speed, the GNSS receiver and the time stamps
-    start_ns, ring : see `virtual_stretches`
-    motion : MotionSensors, optional
-        Of a vehicle that is steered.
+    `count` is that of the motion's samples of the whole run. The streams are those of the transducer, the wheel speed,
+    the GNSS receiver and the time stamps; see `virtual_stretches` for `ring`. `motion` is of a vehicle that is steered.
     """
 
     def __init__(
@@ -458,10 +451,7 @@ class Sensors:
     def read(self, hub: HubLoads, motion: Motion, shown: Motion, until_s: float = inf) -> dict[str, dict[str, Channel]]:
         """Return the channels of each sensor, of the samples not read yet that come before `until_s`.
 
-        Parameters
-        ----------
-        shown : Motion
-            As the speed sensors see it.
+        `shown` is the motion as the speed sensors see it.
         """
         readings = {
             "transducer": self._transducer.read(hub, until_s),

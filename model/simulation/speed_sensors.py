@@ -61,13 +61,8 @@ class WheelSpeedSetup:
 class WheelSpeedSensor:
     """The wheel speed as an electronic unit calculates it from edges, read stretch by stretch.
 
-    Each message holds the mean speed over the edges since the one before; without a new edge, the last value,
-    or what the missing edge allows at most.
-
-    Parameters
-    ----------
-    ring : numpy.random.Generator
-        Draws the ring's errors: the same for every run of a vehicle.
+    Each message holds the mean speed over the edges since the one before; without a new edge, the last value, or what
+    the missing edge allows at most. `ring` draws the ring's errors: the same for every run of a vehicle.
     """
 
     def __init__(
@@ -181,12 +176,8 @@ class Track:
 class GnssReceiver:
     """The receiver on one run, read stretch by stretch.
 
-    Parameters
-    ----------
-    direction : "out" or "back"
-    seconds_of_day : float
-        UTC time of day of the start of the run; GNSS time is that of a solution's epoch.
-    last_s : instant of the last sample of the motion
+    The direction is "out" or "back". `seconds_of_day` is the UTC time of day of the start of the run; GNSS time is that
+    of a solution's epoch. `last_s` is the instant of the last sample of the motion.
     """
 
     def __init__(
@@ -213,12 +204,8 @@ class GnssReceiver:
     def read(self, motion: Motion, until_s: float = inf, speed_path_m: FloatArray | None = None) -> Readings:
         """Return the solutions not read yet that come before `until_s`.
 
-        Parameters
-        ----------
-        motion : Motion
-            Covers these solutions, and the receiver's filter before them.
-        speed_path_m : float64 array, shape of the motion, optional
-            Integral of the speed that the receiver sees, where that is not the true one; the position stays true.
+        The motion covers these solutions, and the receiver's filter before them. `speed_path_m`, of its shape, is the
+        integral of the speed that the receiver sees, where that is not the true one; the position stays true.
         """
         setup, track = self._setup, self._track
         at = self._next_s(until_s)

@@ -68,9 +68,7 @@ def standing_forces(
 ) -> StandingForces:
     """Draw what a run's standstills show.
 
-    Parameters
-    ----------
-    towing_resistance_n : of the wheel that passes no torque
+    The towing resistance is that of the wheel that passes no torque.
     """
     share, kept = rng.uniform(0.0, _MOST_SHARE, 2), towing_resistance_n * rng.uniform(0.0, _MOST_KEPT, 2)
     uphill = stance.uphill(direction)

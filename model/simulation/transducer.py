@@ -66,11 +66,7 @@ class HostClock:
 class SampleTimes:
     """Instants at which a free-running sensor samples within a run: random phase, own clock error.
 
-    Parameters
-    ----------
-    clock_ppm : how much faster than true time the sensor's clock runs
-    rng : numpy.random.Generator
-        Draws the phase.
+    `clock_ppm` is how much faster than true time the sensor's clock runs; `rng` draws the phase.
     """
 
     def __init__(self, duration_s: float, rate_hz: float, clock_ppm: float, rng: np.random.Generator) -> None:
@@ -91,12 +87,8 @@ class SampleTimes:
 class ColouredNoise:
     """A stationary Ornstein-Uhlenbeck process: autocorrelation sigma^2 exp(-|lag|/correlation time).
 
-    Parameters
-    ----------
-    rate_hz : samples per second
-    sigma : standard deviation, in the unit of the result
-    rng : numpy.random.Generator
-        Gives one normal number for each sample, whatever `sigma` is.
+    The standard deviation `sigma` is in the unit of the result. `rng` gives one normal number for each sample, whatever
+    `sigma` is.
     """
 
     def __init__(self, rate_hz: float, sigma: float, correlation_time_s: float, rng: np.random.Generator) -> None:
@@ -193,12 +185,9 @@ class Readings:
 class Transducer:
     """The transducer on one run; it is read stretch by stretch.
 
-    Parameters
-    ----------
-    wheel_radius_m : arm of the lateral force
-    outboard_mass_kg : its weight is missing from the vertical force unless the zero was taken with the wheel lifted
-    rng : numpy.random.Generator
-        Every noise has its own stream: switching one off leaves the others as they are.
+    The wheel's radius is the arm of the lateral force. The weight of the outboard mass is missing from the vertical
+    force unless the zero was taken with the wheel lifted. Every noise has its own stream of `rng`: switching one off
+    leaves the others as they are.
     """
 
     def __init__(
@@ -230,10 +219,7 @@ class Transducer:
     def read(self, hub: HubLoads, until_s: float = inf) -> Readings:
         """Return the samples not read yet that come before `until_s`.
 
-        Parameters
-        ----------
-        hub : HubLoads
-            Evenly sampled, at a rate that its content needs; it covers those samples.
+        The loads are evenly sampled, at a rate that their content needs, and cover those samples.
         """
         setup = self._setup
         start = self._times.taken

@@ -154,10 +154,7 @@ def towed(
 ) -> tuple[float, float]:
     """Return the slip of a wheel that transmits no torque, and its resistance in N.
 
-    Raises
-    ------
-    DataError
-        The soil cannot carry the wheel.
+    `DataError` where the soil cannot carry the wheel.
     """
     slip = np.linspace(-0.6, 0.0, 121)
     conditions = circumstances.usual_conditions(model, slip, vertical_load_n)
@@ -181,22 +178,10 @@ def soil_reaction(
 ) -> Truth:
     """Put a motion and a load through the wheel-soil model; a long run stretch by stretch.
 
-    The model knows rolling wheels only: towards standstill drawbar pull and torque fade out below 0.5 m/s, to what
-    acts at rest too.
-
-    Parameters
-    ----------
-    model : WheelSoilModel
-        With its physical effects and its quadrature.
-    values : parameters of the effects, as the model takes them
-    ground_jerk_mps3, vertical_load_n, track_position_m : float64 array, shape (n,)
-    standing : (float64 array, float64 array), shape (n,) each
-        Pull and torque that hold the vehicle at rest.
-
-    Raises
-    ------
-    DataError
-        The soil cannot carry the wheel at some moment of the run.
+    The model knows rolling wheels only: towards standstill drawbar pull and torque fade out below 0.5 m/s, to what acts
+    at rest too. The model has its physical effects and its quadrature, `values` the effects' parameters. Samples have
+    the shape (n,); `standing` is the pull and the torque that hold the vehicle at rest. `DataError` where the soil
+    cannot carry the wheel at some moment of the run.
     """
     load = np.maximum(vertical_load_n, _LEAST_LOAD_N)
     conditions = circumstances.conditions(model, motion, ground_jerk_mps3, load, track_position_m)

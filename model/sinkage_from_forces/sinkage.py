@@ -159,21 +159,10 @@ def draw_shapes(ranges: ShapeRanges, count: int, rng: np.random.Generator) -> Sh
 def entry_angle_of_forces(
     pull_ratio: FloatArray, torque_ratio: FloatArray, peak: FloatArray, exponent: FloatArray, exit: FloatArray
 ) -> FloatArray:
-    """Return theta_1 in rad for the two ratios.
+    """Return theta_1 in rad for the two ratios Dp/W and T/(r W), of shapes that broadcast.
 
-    Parameters
-    ----------
-    pull_ratio : Dp/W
-    torque_ratio : T/(r W)
-    peak : theta_m/theta_1, 0 to below 1
-    exit : -theta_2/theta_1
-        All of shapes that broadcast.
-
-    Returns
-    -------
-    array
-        0 where the forces leave no resistance to motion, pi/2 where the wheel would be in beyond its axle; NaN where
-        an input is.
+    `peak` is theta_m/theta_1, 0 to below 1, and `exit` is -theta_2/theta_1. The angle is 0 where the forces leave no
+    resistance to motion, pi/2 where the wheel would be in beyond its axle; NaN where an input is.
     """
     pull_ratio, torque_ratio, peak, exponent, exit = np.broadcast_arrays(
         *(np.asarray(x, np.float64) for x in (pull_ratio, torque_ratio, peak, exponent, exit))

@@ -164,11 +164,9 @@ def sinkage_from_forces(
 
 
 def _as_usual(sinkage_m: FloatArray, radius_m: float) -> IndexArray:
-    """Return draws, each as often as wheels are as deep as in its mean: ln(Z/r) is normal, see `_USUAL_LN`.
+    """Return draws of shape (m, n), each as often as wheels are as deep as in its mean.
 
-    Parameters
-    ----------
-    sinkage_m : array, shape (m, n)
+    ln(Z/r) is normal, see `_USUAL_LN`.
     """
     mean = np.nansum(sinkage_m, axis=1) / max(sinkage_m.shape[1], 1) / radius_m
     off = (np.log(np.maximum(mean, _SHALLOW)) - _USUAL_LN[0]) / _USUAL_LN[1]

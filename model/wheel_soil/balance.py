@@ -104,17 +104,11 @@ class Solution(NamedTuple):
 
 
 def solve(contact: Contact, given: Number | None, static: Number | None, *, balanced: bool) -> Solution:
-    """Find the sinkage and the forces.
+    """Find the sinkage and the forces; numbers are columns (n, 1).
 
-    Parameters
-    ----------
-    given : column (n, 1), optional
-        The total sinkage, where it is not the model's to find.
-    static : column (n, 1), optional
-        The static sinkage, where it is known already.
-    balanced : bool
-        Eq. 7 holds: Z0 from it, and the normal stress scaled where an effect moves the sinkage. Otherwise Z0 is
-        the closed form of Eq. 10.
+    `given` is the total sinkage, where it is not the model's to find, and `static` the static one, where it is known
+    already. Where `balanced`, Eq. 7 holds: Z0 from it, and the normal stress scaled where an effect moves the sinkage.
+    Otherwise Z0 is the closed form of Eq. 10.
     """
     forces: Resultants | None = None
     if given is not None:
@@ -201,25 +195,12 @@ def _at_balance(x: Dual, sinkage: Dual) -> Dual:
 def balanced(
     load: FloatArray, start: FloatArray, radius: FloatArray, exponent: FloatArray, load_of: LoadOf
 ) -> FloatArray:
-    """Solve Eq. 7 for the sinkage that carries the load.
+    """Solve Eq. 7 for the sinkage in m that carries the load in N, shape (n, 1); NaN where none up to the axle does.
 
-    A secant method on ln W against ln Z, which is nearly a straight line of slope n + 1/2, kept inside a bracket.
-
-    Parameters
-    ----------
-    load, start, radius, exponent : arrays, shape (n, 1)
-        W > 0 in N, a first guess of Z0 in m (any number where there is none), r in m, n.
-    load_of : callable
-        ``load_of(sinkage, index)``: Eq. 7 for the samples `index`.
-
-    Returns
-    -------
-    array, shape (n, 1)
-        Z0 in m; NaN where even a wheel sunk to its axle does not carry the load.
-
-    Notes
-    -----
-    The last step is taken when ln W is within 1e-7 and is superlinear, so that the result is good to about 1e-12.
+    A secant method on ln W against ln Z, which is nearly a straight line of slope n + 1/2, kept inside a bracket. The
+    start is a first guess of Z0 in m (any number where there is none); ``load_of(sinkage, index)`` is Eq. 7 for the
+    samples `index`. The last step is taken when ln W is within 1e-7 and is superlinear, so that the result is good to
+    about 1e-12.
     """
     n = len(load)
     target = np.log(load)
@@ -253,14 +234,8 @@ def balanced(
 def differentiate(sinkage: FloatArray, load: Number, carried: Number, slope: FloatArray) -> Number:
     """Give a solved sinkage its derivatives: one Newton step of Eq. 7 in the arithmetic of `carried`.
 
-    Parameters
-    ----------
-    sinkage : array, shape (n, 1)
-        The solution without derivatives.
-    load, carried : Number
-        W, and Eq. 7 at that sinkage; with derivatives by whatever is wanted.
-    slope : array, shape (n, 1)
-        dW/dZ of Eq. 7, N/m.
+    The sinkage is the solution without derivatives. `carried` is Eq. 7 at it, with derivatives by whatever is wanted,
+    as `load` (W); `slope` is dW/dZ of Eq. 7, N/m.
     """
     miss = carried - load
     # the value is solved already: only the derivative part of the step is wanted

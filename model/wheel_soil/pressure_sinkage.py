@@ -13,13 +13,7 @@ from model.wheel_soil.dual import Number
 
 
 def stiffness(cohesive_modulus: Number, frictional_modulus: Number, width: Number) -> Number:
-    """Return k = k_c/b + k_phi of Eq. 2 in Pa/m^n.
-
-    Parameters
-    ----------
-    cohesive_modulus, frictional_modulus : k_c in N/m^(n+1), k_phi in N/m^(n+2)
-    width : m, b
-    """
+    """Return k = k_c/b + k_phi of Eq. 2 in Pa/m^n, of k_c in N/m^(n+1), k_phi in N/m^(n+2) and b in m."""
     return cohesive_modulus / width + frictional_modulus
 
 
@@ -29,16 +23,9 @@ def normal_stress(stiffness: Number, sinkage: Number, exponent: Number) -> Numbe
 
 
 def closed_form(load: Number, radius: Number, width: Number, stiffness: Number, exponent: Number) -> Number:
-    """Return Z0 of Eq. 10 in metres.
+    """Return Z0 of Eq. 10 in metres, of a load > 0 in N and the stiffness k of Eq. 2 in Pa/m^n at that width.
 
-    Parameters
-    ----------
-    load : N, > 0
-    stiffness : Pa/m^n, k of Eq. 2 at that width
-
-    Notes
-    -----
-    Source: Bekker (1969); Yang et al. (2016), Eq. 10. Neglects shear and assumes Z0 much smaller than 2 r.
+    It neglects shear and assumes Z0 much smaller than 2 r. Source: Bekker (1969); Yang et al. (2016), Eq. 10.
     """
     ratio = 3.0 * load / (np.sqrt(2.0 * radius) * width * stiffness * (3.0 - exponent))
     return np.exp(np.log(ratio) * (2.0 / (2.0 * exponent + 1.0)))

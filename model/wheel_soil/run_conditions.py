@@ -112,14 +112,8 @@ def line_positions(runs: Sequence[ProcessedRun]) -> tuple[list[FloatArray], tupl
 
     "out" starts at -1 and "back" at 1; where all runs go one way, the ends are those of what was driven. The shape of a
     run is its distance, which is smooth; where it lies comes from the positions of the whole run, whose noise that
-    averages out. Without positions the line is as long as the longest run.
-
-    Returns
-    -------
-    list of array, shape (n,) each
-        NaN in gaps of the ground speed.
-    notes : tuple of Note
-        What was not known; empty where positions were.
+    averages out. Without positions the line is as long as the longest run. x is NaN in gaps of the ground speed. The
+    notes say what was not known; there are none where positions were.
     """
     sides = [-1.0 if run.run.direction == "back" else 1.0 for run in runs]
     starts, notes = _starts_by_position(runs, sides)

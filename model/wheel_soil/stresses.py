@@ -16,16 +16,10 @@ SOFTENING_LENGTH_M = 0.15
 
 
 def geometry(entry_angle: Number, delta: Number) -> tuple[Number, Number]:
-    """Return where points an angle `delta` behind the entry are, exactly also near the entry.
+    """Return where points an angle `delta` (rad, 0 <= delta < pi) behind the entry are, exactly also near the entry.
 
-    Parameters
-    ----------
-    entry_angle, delta : rad, shapes that broadcast; 0 <= delta < pi
-
-    Returns
-    -------
-    drop : cos(theta) - cos(theta_1); Z(theta) of Eq. 3 is r times it
-    advance : sin(theta_1) - sin(theta)
+    The drop is cos(theta) - cos(theta_1), and Z(theta) of Eq. 3 is r times it; the advance is sin(theta_1) -
+    sin(theta).
     """
     cos1, sin1 = np.cos(entry_angle), np.sin(entry_angle)
     half = np.sin(delta * 0.5)
@@ -38,12 +32,8 @@ def geometry(entry_angle: Number, delta: Number) -> tuple[Number, Number]:
 def shear_displacement(delta: Number, advance: Number, radius: Number, speed_ratio: Number) -> Number:
     """Return j of Eq. 5 in metres; one formula for driving and braking.
 
-    Parameters
-    ----------
-    delta : rad, theta_1 - theta
-    advance : sin(theta_1) - sin(theta)
-    speed_ratio : V/(r omega)
-        1 - s when driving, 1/(1 + s_b) when braking.
+    `delta` is theta_1 - theta in rad, `advance` is sin(theta_1) - sin(theta). The speed ratio V/(r omega) is 1 - s when
+    driving and 1/(1 + s_b) when braking.
     """
     return radius * (delta - speed_ratio * advance)
 
@@ -51,9 +41,7 @@ def shear_displacement(delta: Number, advance: Number, radius: Number, speed_rat
 def mobilisation(displacement: Number, shear_modulus: Number, *, signed: bool) -> Number:
     """Return the share of the shear strength that is mobilised (Eq. 4), with the sign of the displacement.
 
-    Parameters
-    ----------
-    signed : whether the displacement may be negative (braking)
+    `signed` is whether the displacement may be negative (braking).
     """
     rate = -1.0 / shear_modulus
     if not signed:
@@ -65,11 +53,7 @@ def mobilisation(displacement: Number, shear_modulus: Number, *, signed: bool) -
 def softened(displacement: Number, fraction: Number, *, signed: bool) -> Number:
     """Return the share of Eq. 4 that is left of the shear stress: 1 - q (1 - exp(-|j| / 0.15 m)).
 
-    Parameters
-    ----------
-    fraction : 1
-        q.
-    signed : whether the displacement may be negative (braking)
+    `fraction` is q; `signed` is whether the displacement may be negative (braking).
     """
     size = displacement * np.sign(value_of(displacement)) if signed else displacement
     return 1.0 + fraction * np.expm1(size * (-1.0 / SOFTENING_LENGTH_M))

@@ -50,14 +50,8 @@ def blended(
     """Return the ground speed with what the accelerometer knows of its quick changes.
 
     Where one of the two others is not known the speed stays as it was, and its reason is theirs; where they never are
-    known together, it is returned as it is.
-
-    Parameters
-    ----------
-    speed, accelerometer, pitch : OnBase
-        m/s, m/s2 and rad, on `time_s`, shape (n,).
-    kernel_s : float
-        Standard deviation of the kernel of the common filter.
+    known together, it is returned as it is. The three are m/s, m/s2 and rad on `time_s`, shape (n,); `kernel_s` is the
+    standard deviation of the common filter's kernel.
     """
     if kernel_s * _LEAST_RATIO > BLEND_S:
         return speed

@@ -37,14 +37,8 @@ def little_used(
 ) -> list[Note]:
     """Return a note where less than half of a run is used: why, and what a longer gap would change.
 
-    A vehicle that stands is no reason for one.
-
-    Parameters
-    ----------
-    samples : mapping role -> Samples
-        Of the roles that a used sample must have; empty where holes are not the reason.
-    again : callable
-        Processes the run with other options, for the figure.
+    A vehicle that stands is no reason for one. `samples` are those of the roles that a used sample must have, empty
+    where holes are not the reason; `again` processes the run with other options, for the figure.
     """
     shares = dict(run.quality.shares)
     used = shares.pop(Reason.USED.name)

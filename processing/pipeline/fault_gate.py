@@ -45,14 +45,8 @@ class FaultGate:
     """Takes what is no measurement out of a stream and remembers where and why.
 
     Raw values are looked at, before zeros and axes change them: a stretch of the stream at a time. The ground speed is
-    looked at when all of it is there and the receiver's own word has been applied.
-
-    Parameters
-    ----------
-    node_ns : int
-        Grid on which the instants are kept.
-    vehicle : VehicleConfig
-        Says whether the transducer rotates.
+    looked at when all of it is there and the receiver's own word has been applied. `node_ns` is the grid on which the
+    instants are kept; `vehicle` says whether the transducer rotates.
     """
 
     def __init__(self, node_ns: int, vehicle: VehicleConfig) -> None:

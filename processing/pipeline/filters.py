@@ -93,17 +93,12 @@ def smooth(
 ) -> Smoothed:
     """Filter one channel and put it on the time base; nothing is carried across a gap.
 
-    Parameters
-    ----------
-    at_s : float64 array, shape (n,)
-        Time base, ascending.
-    time_s, values : float64 arrays, shape (m,)
-        Samples, stamps strictly ascending, values finite; an interval longer than `max_gap_s` is a gap.
-    sigma_s : float
-        Of the kernel, see `kernel_sigma_s`.
-    spread_s2 : float
-        Variance in s^2 of the instants that one sample already averages (`processing.pipeline.collection.thin`); the
-        kernel is narrowed by as much, so that the whole transfer function stays the same.
+    `at_s`, shape (n,), is the time base, ascending. The samples, shape (m,), have strictly ascending stamps and finite
+    values; an interval longer than `max_gap_s` is a gap. `sigma_s` is that of the kernel (`kernel_sigma_s`).
+
+    `spread_s2` is the variance in s^2 of the instants that one sample already averages
+    (`processing.pipeline.collection.thin`); the kernel is narrowed by as much, so that the whole transfer function
+    stays the same.
     """
     pairs = stretches(time_s, max_gap_s, least=3)
     which = stretch_of(at_s, time_s, pairs)

@@ -140,14 +140,9 @@ class StatusGate:
 
     A sample has the status whose stamp is nearest to its own: in the same frame it is exact, and so it is where a
     sample's messages follow each other. Where none is near (see `status_at`) nothing is known, and the sample is kept
-    and counted. Rolling counters are not looked at: what is missing shows as a gap.
-
-    Parameters
-    ----------
-    node_ns : int
-        Grid on which the instants of distrusted samples are kept.
-    declared : bool
-        Whether vehicle.toml names a status, so that it is missed where it does not come.
+    and counted. Rolling counters are not looked at: what is missing shows as a gap. `node_ns` is the grid on which the
+    instants of distrusted samples are kept. A `declared` status (vehicle.toml names one) is missed where it does not
+    come.
     """
 
     def __init__(self, node_ns: int, *, declared: bool) -> None:

@@ -52,13 +52,9 @@ class SpeedSignals:
 
 
 def residual_latency(signals: SpeedSignals) -> tuple[float, float]:
-    """Estimate the delay of ground speed against the wheel.
+    """Estimate the delay of ground speed against the wheel, s, and its sigma; positive where ground speed is late.
 
-    Returns
-    -------
-    latency_s, sigma_s : float
-        Positive: ground speed is late. NaN with less than 3 s of samples, a minimum at the end of the scan, or a sigma
-        above 0.25 s.
+    NaN with less than 3 s of samples, a minimum at the end of the scan, or a sigma above 0.25 s.
     """
     delay, sigma = _scan_and_refine(_Problem.of(signals, *_FIRST_CHOICE))
     if np.isfinite(signals.traction).any() and np.isfinite(delay):

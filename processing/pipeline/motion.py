@@ -53,13 +53,8 @@ _MOST_RATIO, _LEAST_RATIO, _SURE = 3.0, -0.5, 4.0
 def usable_accelerometers(roles: Mapping[str, OnBase], cutoff_hz: float) -> tuple[tuple[str, ...], list[Note]]:
     """Return the accelerometers to use, the one at the hub first, and a note on each that is not.
 
-    One that is too slow for the common filter, or contradicts the ground speed, is not used.
-
-    Parameters
-    ----------
-    roles : mapping role -> OnBase
-    cutoff_hz : float
-        Of the common filter.
+    One that is too slow for the common filter, or contradicts the ground speed, is not used. `cutoff_hz` is that of the
+    common filter.
     """
     usable, notes = [], []
     for role in ACCELEROMETERS:
@@ -100,26 +95,15 @@ def speed_at_wheel(
     kernel_s: float,
     accelerometers: Collection[str],
 ) -> tuple[dict[str, OnBase], BoolArray | None, list[Note]]:
-    """Return the roles with the ground speed carried from the antenna to the wheel, and where it could not be.
+    """Return the roles with the ground speed carried from the antenna to the wheel, where it could not be, and notes.
 
-    Between the two steps, with ``pitch``, it is blended with an accelerometer, which is on the body as the antenna is.
-    Where a rate of the vehicle is not known, the speed stays as it was received, and its reason is that of the rate.
+    Between the two steps, with ``pitch``, it is blended with an accelerometer (`usable_accelerometers`), which is on
+    the body as the antenna is. Where a rate of the vehicle is not known, the speed stays as it was received, and its
+    reason is that of the rate. The roles are on `time_s`, with the slope of ``pitch``; `kernel_s` is the standard
+    deviation of the filter's kernel.
 
-    Parameters
-    ----------
-    roles : mapping role -> OnBase
-        On `time_s`, with the slope of ``pitch``.
-    kernel_s : float
-        Standard deviation of the filter's kernel.
-    accelerometers : collection of str
-        See `usable_accelerometers`.
-
-    Returns
-    -------
-    roles : mapping role -> OnBase
-    steered : bool array, shape (n,), or None
-        Where the vehicle is steered and the speed is that of the antenna; None where that is not known or not so.
-    notes : list of Note
+    The second result, shape (n,), is where the vehicle is steered and the speed is that of the antenna; None where that
+    is not known or not so.
     """
     speed, antenna = roles.get(GROUND_SPEED), vehicle.sensors.get(GROUND_SPEED, SensorSection())
     if speed is None:

@@ -35,16 +35,9 @@ def combine_reasons(
 ) -> NDArray[np.uint8]:
     """Return the first `Reason` that holds for each sample; all arrays of shape (n,).
 
-    Parameters
-    ----------
-    channels : iterable of uint8 arrays
-        Reasons of each channel that a used sample must have.
-    slip : float64 array
-        NaN where both speeds are too small (or unknown, which the channels' reasons say).
-    slip_is_measured : bool
-        Whether the run carries both speeds.
-    steered : bool array or None
-        Where the ground speed is that of an antenna in a curve and not that of the wheel.
+    `channels` are the reasons of each channel that a used sample must have. The slip is NaN where both speeds are too
+    small (or unknown, which the channels' reasons say); it is measured where the run carries both speeds. `steered` is
+    where the ground speed is that of an antenna in a curve and not that of the wheel.
     """
     of_channels = np.stack(list(channels))
     hold = {

@@ -26,14 +26,8 @@ _DEGREE_M = 111_195.0
 def with_ruts(run: ProcessedRun) -> ProcessedRun:
     """Return the run with its rut readings as sinkage at the nearest samples; NaN everywhere else.
 
-    A reading at a sample that is excluded is noted.
-
-    Raises
-    ------
-    ConfigError
-        A reading beside a sinkage signal, or deeper than the wheel's radius.
-    DataError
-        A reading before or behind the run, off its track, or of another pass.
+    A reading at a sample that is excluded is noted. `ConfigError` for a reading beside a sinkage signal, or deeper than
+    the wheel's radius; `DataError` for one before or behind the run, off its track, or of another pass.
     """
     if not run.run.rut:
         return run

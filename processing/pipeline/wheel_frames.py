@@ -64,20 +64,11 @@ def at_soil(
 ) -> tuple[dict[str, OnBase], str, list[Note]]:
     """Return the roles with drawbar pull, torque and load carried from the transducer to the soil, and by which role.
 
-    A force without the speed that it needs stays as the transducer feels it, and a note says so.
-
-    Parameters
-    ----------
-    roles : mapping role -> OnBase
-        The slopes of ``ground_speed`` and ``wheel_speed`` are the accelerations.
-    wheel : WheelSection
-        Its declared outboard mass and inertia.
-    kernel_s : float
-        Standard deviation of the filter's kernel: the noise of a derivative is that of the value over sqrt(2) kernel_s.
-    zero : "lifted", "spin" or "none"
-        What the zero of the vertical load holds: only after "spin" the outboard weight is missing from it.
-    outboard_role : str
-        Where the acceleration of the outboard mass comes from: the slope of ``ground_speed``, or an accelerometer.
+    A force without the speed that it needs stays as the transducer feels it, and a note says so. The slopes of
+    ``ground_speed`` and ``wheel_speed`` are the accelerations; that of the outboard mass, which `wheel` declares, comes
+    from `outboard_role`: ``ground_speed``, or an accelerometer. The noise of a derivative is that of the value over
+    sqrt(2) `kernel_s`, the standard deviation of the filter's kernel. Only after the zero "spin" the outboard weight is
+    missing from the zero of the vertical load.
     """
     moved, notes = dict(roles), []
     if "drawbar_pull" not in roles or not wheel.outboard_mass_kg:
@@ -112,19 +103,10 @@ def _compensated(force: OnBase, factor: float, of: OnBase, source: str, kernel_s
 def rotate(
     force_x: FloatArray, force_z: FloatArray, angle_rad: FloatArray, transducer: TransducerSection
 ) -> tuple[FloatArray, FloatArray]:
-    """Turn forces in wheel axes into vehicle axes.
+    """Turn forces in wheel axes into vehicle axes: forward and up, in N, shape (n,).
 
-    Parameters
-    ----------
-    force_x, force_z, angle_rad : float64 arrays, shape (n,)
-        F_x', F_z' in N as the transducer gives them, and the encoder's reading.
-    transducer : TransducerSection
-        Side, angle offset (the reading at psi = 0) and direction (1: the reading grows when rolling forward).
-
-    Returns
-    -------
-    force_x, force_z : float64 arrays
-        Forward and up.
+    F_x' and F_z' are as the transducer gives them. `transducer` has the side, the angle offset (the encoder's reading
+    at psi = 0) and the direction (1: the reading grows when rolling forward).
     """
     psi = wheel_angle(angle_rad, transducer)
     forward = -force_x if transducer.side == "right" else force_x

@@ -62,12 +62,8 @@ class Harmonics:
 def fit_harmonics(time_s: FloatArray, y: FloatArray, angle_rad: FloatArray | None, resolution: float) -> Harmonics:
     """Fit one signal whose samples are finite and in order of time.
 
-    Parameters
-    ----------
-    time_s, y, angle_rad : float64 arrays, shape (n,)
-        Without the angle psi the offset alone is fitted.
-    resolution : float
-        Step of the signal in its unit.
+    Without the angle psi, shape (n,) as time and signal, the offset alone is fitted; `resolution` is the step of the
+    signal in its unit.
     """
     matrix = _design(len(y), angle_rad)
     p = robust_linear(matrix, y).coefficients

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import re
 import textwrap
 from collections.abc import Iterator
 from functools import cache
@@ -30,6 +31,7 @@ MOST_FILES, MOST_STATEMENTS = 425, 52_164
 """What the rooms may hold, 3 % more than on 2026-11-27. A commit that raises one says what the user gets for it."""
 
 
+SECTIONS = re.compile(r"^(Parameters|Returns|Yields|Raises)\n--", re.MULTILINE)
 MOST_WITHOUT_STEP = 124
 """Faults without a next step: most name what was expected, or are for who writes a program."""
 
@@ -137,6 +139,21 @@ def test_a_face_is_in_the_docs_as_it_is(stub: Path) -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     assert entry(stub) in page, f"docs/api.md should have\n\n{entry(stub)}"
     assert page.count("\n### ") == len(STUBS)
+
+
+def test_only_what_a_face_exports_has_sections_in_its_docstring() -> None:
+    """Of all else a line or two say what its names and types do not."""
+    exported = {(behind(face, name), name) for face in PACKAGES for name in exports(face)}
+    defined = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    with_sections = [
+        f"{module}.{node.name}"
+        for module in FILES
+        for outer in parsed(module).body
+        if (module, getattr(outer, "name", "")) not in exported
+        for node in ast.walk(outer)
+        if isinstance(node, defined) and SECTIONS.search(ast.get_docstring(node) or "")
+    ]
+    assert with_sections == []
 
 
 def test_no_more_faults_without_a_next_step() -> None:

@@ -40,11 +40,8 @@ class DamagedError(ValueError):
 def encode(value: object) -> tuple[bytes, list[memoryview]]:
     """Return a value as JSON, and the bytes of its arrays.
 
-    Raises
-    ------
-    NotKeptError
-        It holds something else than numbers, texts, times, paths, arrays, tuples, lists, mappings, and dataclasses,
-        enums and settings of `ROOMS`.
+    `NotKeptError` where it holds something else than numbers, texts, times, paths, arrays, tuples, lists, mappings, and
+    dataclasses, enums and settings of `ROOMS`.
     """
     arrays: list[memoryview] = []
     return json.dumps(_Writer(arrays).of(value), separators=(",", ":")).encode(), arrays
@@ -65,10 +62,7 @@ def to_bytes(value: object) -> bytes:
 def from_bytes(data: bytearray) -> Any:
     """Return the value of `to_bytes`; its arrays are parts of `data`.
 
-    Raises
-    ------
-    DamagedError
-        The bytes are cut off, are none of `to_bytes`, or name a class that is not kept.
+    `DamagedError` where the bytes are cut off, are none of `to_bytes`, or name a class that is not kept.
     """
     try:
         end = 8 + int.from_bytes(data[:8], "little")

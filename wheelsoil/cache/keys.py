@@ -27,11 +27,8 @@ _imported_s = time.time()
 def key_of(kind: str, packages: tuple[str, ...], inputs: object) -> str:
     """Return the key of a result: the hash of its kind, the code that makes it and its inputs, in hexadecimal.
 
-    Raises
-    ------
-    NotKeptError
-        The inputs cannot be written (`wheelsoil.cache.codec.encode`), or the source of some code is not there or was
-        changed since it was imported.
+    `NotKeptError` where the inputs cannot be written (`wheelsoil.cache.codec.encode`), or the source of some code is
+    not there or was changed since it was imported.
     """
     text, arrays = encode(inputs)
     effects = _packages_of_effects() if "model" in packages else ()

@@ -130,12 +130,7 @@ def keeping_only(*kinds: str) -> Iterator[None]:
 def kept(kind: str, inputs: object, compute: Callable[[], T]) -> T:
     """Return what a function of the model returns for some inputs, from the folder if it was kept there.
 
-    Parameters
-    ----------
-    kind : str
-        Of the result: a name without spaces.
-    inputs : value
-        All that `compute` depends on.
+    `kind` is the result's name, without spaces; `inputs` is all that `compute` depends on.
     """
     there: T | None = known(kind, inputs)
     if there is not None:
@@ -153,10 +148,7 @@ def known(kind: str, inputs: object) -> Any:
 def key_for(kind: str, packages: tuple[str, ...], inputs: object) -> str:
     """Return the name of an entry (`wheelsoil.cache.keys.key_of`); empty where nothing is kept.
 
-    Raises
-    ------
-    ConfigError
-        See `limit_bytes`.
+    `ConfigError` as from `limit_bytes`.
     """
     if folder() is None:
         return ""

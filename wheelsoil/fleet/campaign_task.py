@@ -92,13 +92,9 @@ class _Opened:
 def work_on(task: Task, url: str, options: FleetOptions, *, cached: bool = True) -> Done:
     """Process, fit and diagnose a campaign and write it into the store at `url`, unless it is there.
 
-    What is wrong with a campaign is a result, and written down like one. Nothing is printed. Results that were kept
-    are used where `cached`; of its own only the diagnosis is kept, which is the dearest and takes the least room.
-
-    Raises
-    ------
-    ConfigError
-        The store cannot be written.
+    What is wrong with a campaign is a result, and written down like one. Nothing is printed. Results that were kept are
+    used where `cached`; of its own only the diagnosis is kept, which is the dearest and takes the least room.
+    `ConfigError` where the store cannot be written.
     """
     store, source = open_store(url), task.source
     keeping = keeping_only("diagnosis") if cached else nothing_kept()

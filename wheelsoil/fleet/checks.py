@@ -26,12 +26,7 @@ Wrong = dict[int, str]
 def wrong_groups(store: Store, table: str, parts: Sequence[Part], *, thorough: bool) -> dict[str, Wrong]:
     """Return what is wrong with the files of a table, by the name of their part.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-        Those that have the table.
-    thorough : bool
-        Compare checksums, too.
+    `parts` are those that have the table; `thorough` compares checksums, too.
     """
     files = [part.files[table] for part in parts]
     found: dict[str, Wrong] = {}

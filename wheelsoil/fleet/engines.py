@@ -44,16 +44,9 @@ class Lost:
 def in_processes(
     task: Callable[[S], T], items: Sequence[S], jobs: int, memory_bytes: int
 ) -> Iterator[tuple[S, T | Lost]]:
-    """Work in processes of this machine.
+    """Work in `jobs` processes of this machine, each with at most `memory_bytes` (0: all).
 
-    Parameters
-    ----------
-    task : callable
-        Of an item; it, the items and what it returns are pickled.
-    jobs : int
-        Number of processes.
-    memory_bytes : int
-        Most that a process may use; 0: all.
+    The task, its items and what it returns are pickled.
     """
     tries = dict.fromkeys(range(len(items)), 0)
     while tries:
@@ -118,19 +111,10 @@ def on_dask(
 ) -> Iterator[tuple[S, T | Lost]]:
     """Work on the workers of a Dask scheduler.
 
-    Parameters
-    ----------
-    keys : sequence of str
-        What the scheduler calls each item: one that it works on already is not begun again.
-    scheduler : str
-        Its address; empty: a cluster of this machine, of `jobs` processes with `memory_bytes` each.
-
-    Raises
-    ------
-    ConfigError
-        dask.distributed is not installed; a worker has another version of wheelsoil, or none.
-    HardwareError
-        There is no scheduler at the address, or it has no workers.
+    Without an address that is a cluster of this machine, of `jobs` processes with `memory_bytes` each. The keys are
+    what the scheduler calls the items: one that it works on already is not begun again. `ConfigError` where
+    dask.distributed is not installed, or a worker has another version of wheelsoil, or none; `HardwareError` where
+    there is no scheduler at the address, or it has no workers.
     """
     try:
         import distributed

@@ -162,12 +162,8 @@ def holdings_of(store: Store, tables: Iterable[str] = tuple(COLUMNS), *, thoroug
 def read(store: Store, tables: Iterable[str], use: Callable[[Holdings], T]) -> tuple[T, tuple[Damage, ...]]:
     """Return what is made of some tables, and what was set aside for it.
 
-    Where reading fails the files are compared with their checksums, and what is sound is read again.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read, and no file is damaged.
+    Where reading fails the files are compared with their checksums, and what is sound is read again. `ConfigError`
+    where they cannot be read and no file is damaged.
     """
     tables = tuple(tables)
     holdings = holdings_of(store, tables)

@@ -257,13 +257,7 @@ def part_of(manifest: Manifest) -> Part:
 
 
 def pack_of(name: str, text: bytes) -> Part:
-    """Return the pack whose manifest has a name below the store and this text.
-
-    Raises
-    ------
-    ValueError
-        It is damaged.
-    """
+    """Return the pack whose manifest has a name below the store and this text; `ValueError` if it is damaged."""
     values = unsealed(text)
     if not isinstance(values, dict) or not _are_files(values.get("parts")):
         raise ValueError("no pack")
@@ -277,11 +271,7 @@ def pack_of(name: str, text: bytes) -> Part:
 def text_of_pack(groups: Sequence[Sequence[Manifest]], parts: Mapping[str, list[Any]]) -> bytes:
     """Return what a pack's manifest holds: its campaigns by column, which is read faster than one by one.
 
-    Parameters
-    ----------
-    groups : sequence of sequence of Manifest
-        Campaigns of each row group.
-    parts : mapping file -> what `stated` returns
+    `groups` has the campaigns of each row group, `parts` what `stated` returns of each file.
     """
     every = [manifest for group in groups for manifest in group]
     tables = dict.fromkeys(table for manifest in every for table in manifest.rows)
@@ -293,13 +283,7 @@ def text_of_pack(groups: Sequence[Sequence[Manifest]], parts: Mapping[str, list[
 
 
 def _groups_of(values: Mapping[str, Any]) -> tuple[tuple[Manifest, ...], ...]:
-    """Return the campaigns of each row group of a pack.
-
-    Raises
-    ------
-    ValueError
-        They are damaged.
-    """
+    """Return the campaigns of each row group of a pack; `ValueError` if they are damaged."""
     groups = values.get("groups")
     if not isinstance(groups, list):
         raise ValueError("groups")
@@ -362,10 +346,7 @@ def sealed(values: Mapping[str, Any]) -> bytes:
 def unsealed(text: bytes) -> Any:
     """Return values that were written with `sealed`, or by an older version without a checksum.
 
-    Raises
-    ------
-    ValueError
-        It is no JSON, or another checksum.
+    `ValueError` where it is no JSON, or has another checksum.
     """
     values = json.loads(text)
     if isinstance(values, dict) and _SEAL in values:
@@ -380,13 +361,7 @@ def unsealed(text: bytes) -> Any:
 
 
 def single_of(name: str, text: bytes) -> Manifest:
-    """Return the manifest in the file of one campaign.
-
-    Raises
-    ------
-    ValueError
-        It is none, or of another campaign.
-    """
+    """Return the manifest in the file of one campaign; `ValueError` if it is none, or of another."""
     found = Manifest.of(unsealed(text))
     if found.name != name:
         raise ValueError("of another campaign")

@@ -174,12 +174,8 @@ def true_soil(options: SimulationOptions) -> Soil:
 
     Relative one-sigmas are used as in `model.simulation.drawn_soil`; if terrain.toml states no uncertainty, they are
     `model.wheel_soil.LABORATORY_SPREAD`. With a covariance the soil is normally distributed in the keys and units of
-    ``[soil]``; a draw with a value out of range or without stiffness is repeated.
-
-    Raises
-    ------
-    ConfigError
-        The covariance is not positive semi-definite, or no soil can be drawn from it.
+    ``[soil]``; a draw with a value out of range or without stiffness is repeated. `ConfigError` where the covariance is
+    not positive semi-definite, or no soil can be drawn from it.
     """
     laboratory, terrain, rng = options.laboratory_soil, options.terrain, _stream(options, 0)
     stated = terrain.uncertainty
@@ -240,17 +236,8 @@ def simulated_run(options: SimulationOptions, index: int) -> VirtualRun:
 def simulated_stretches(options: SimulationOptions, index: int, wheel: str = "") -> Iterator[VirtualRun]:
     """Yield one run of a campaign at one wheel, stretch by stretch; it does not depend on the others.
 
-    Parameters
-    ----------
-    index : int
-        From 0; loads and directions alternate.
-    wheel : str
-        Id of one of several, which share the drive and the GNSS fixes.
-
-    Raises
-    ------
-    DataError
-        The soil does not carry the wheel.
+    From index 0 loads and directions alternate. `wheel` is the id of one of several, which share the drive and the GNSS
+    fixes. `DataError` where the soil does not carry the wheel.
     """
     acting = _effects_at(options, wheel, "physical")
     model = WheelSoilModel(

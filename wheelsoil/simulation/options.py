@@ -319,19 +319,10 @@ def with_model(
     """Return the options with soil, wheel, reading and effects of a model file; given effects override those.
 
     Of a file with several sets of causes one is drawn by its probability, with the options' seed. Of a file of one of
-    several wheels the errors of its transducer are at that wheel, where several are simulated.
+    several wheels the errors of its transducer are at that wheel, where several are simulated. `given` are the options
+    of the command line; `faulty_wheel` is that of `SimulationOptions`.
 
-    Parameters
-    ----------
-    given : collection of str
-        Names of the options that were given on the command line.
-    faulty_wheel : str
-        See `SimulationOptions`.
-
-    Raises
-    ------
-    ConfigError
-        The file is invalid, or a given option contradicts it.
+    `ConfigError` where the file is invalid, or a given option contradicts it.
     """
     clashes = [name for name in _OF_THE_MODEL if name in given]
     if clashes:
@@ -394,10 +385,7 @@ def _relative(sigma: float | None, value: float, usual: float) -> float:
 def terrain_config(soil: Soil, spread: Mapping[str, float]) -> TerrainConfig:
     """Return terrain.toml: the laboratory's values and their uncertainty.
 
-    Parameters
-    ----------
-    spread : mapping
-        Relative one-sigma per parameter, as `model.wheel_soil.LABORATORY_SPREAD`; zero: unknown.
+    `spread` is the relative one-sigma per parameter, as `model.wheel_soil.LABORATORY_SPREAD`; zero: unknown.
     """
     return TerrainConfig(
         soil=SoilSection(

@@ -245,23 +245,10 @@ def frame_batches(stretches: Iterable[SensedRun], bus: str = "can0") -> Iterator
 def frames_of_wheels(stretches: Iterable[Mapping[str, SensedRun]], buses: Mapping[str, str]) -> Iterator[FrameBatch]:
     """Encode the run of a vehicle, stretch by stretch, as frames of buses that each transmit one frame at a time.
 
-    Parameters
-    ----------
-    stretches : iterable of mapping wheel -> SensedRun
-        By the wheels' ids; a single wheel has an empty one. Wheel speeds are stamped, and what is of the vehicle is
-        taken, as the first wheel has them.
-    buses : mapping wheel -> bus
-        Of its transducer; all else is on that of the first.
-
-    Yields
-    ------
-    FrameBatch
-        In time order; a time stamp is the host time at the end of the frame.
-
-    Raises
-    ------
-    DataError
-        A value is outside the range of its signal.
+    Stretches are by the wheels' ids; a single wheel has an empty one. Wheel speeds are stamped, and what is of the
+    vehicle is taken, as the first wheel has them. `buses` are those of the transducers; all else is on that of the
+    first. Frames come in time order; a time stamp is the host time at the end of the frame. `DataError` where a value
+    is outside the range of its signal.
     """
     messages = {m.name: m for name in (*DBC_FILES, MOTION_DBC) for m in load_database(shipped_dbc(name)).messages}
     first = next(iter(buses))

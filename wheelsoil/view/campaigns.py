@@ -217,12 +217,8 @@ class ViewedCampaign:
     def members(self) -> tuple[Member, ...]:
         """Return the runs that are used, for a helper.
 
-        Raises
-        ------
-        ConfigError
-            The choice does not fit the runs, or one could not be processed or lacks what a fit needs.
-        NotReadyError
-            Some are not processed yet.
+        `ConfigError` where the choice does not fit the runs, or one could not be processed or lacks what a fit needs;
+        `NotReadyError` while some are not processed yet.
         """
         keeps = self.keeps()
         used = [run for run in self.runs if run.key in keeps]
@@ -241,21 +237,10 @@ class ViewedCampaign:
         return self.ready_members()
 
     def base(self, load_n: float | None = None, run_key: str = "") -> Base:
-        """Return the conditions for which curves are drawn.
+        """Return the conditions for which curves are drawn, at a load or at the median of the used samples.
 
-        Parameters
-        ----------
-        load_n : float, optional
-            Instead of the median of the used samples.
-        run_key : str
-            Use this run only; all used runs if it is empty or the run has no usable load.
-
-        Raises
-        ------
-        ConfigError
-            Soil or wheel is not known.
-        NotReadyError, DataError
-            No run with a usable load is processed yet, or none has one.
+        They are those of all used runs if no run is given or it has no usable load. `ConfigError` where soil or wheel
+        is not known; `NotReadyError` or `DataError` where no run with a usable load is processed yet, or none has one.
         """
         keeps = self.keeps()
         used = [run for run in self.runs if run.key in keeps and run.plot_data and run.on_soil]
@@ -334,18 +319,10 @@ class NotReadyError(WheelsoilError):
 def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCampaign], list[str]]:
     """Open recordings and group them: one campaign for each folder, soil and wheel.
 
-    A folder of campaign folders means all of them. As on the command line, run ids are unique within a campaign only.
-    A `choice.toml` in a folder is loaded; one that cannot be used is reported and not changed.
-
-    Returns
-    -------
-    remarks : list of str
-        Unreadable files and folders, which are skipped, and the parts of a choice that do not fit.
-
-    Raises
-    ------
-    WheelsoilError
-        Nothing is readable; see `daq.runs.open_runs`.
+    A folder of campaign folders means all of them. As on the command line, run ids are unique within a campaign only. A
+    `choice.toml` in a folder is loaded; one that cannot be used is reported and not changed. The texts are remarks:
+    unreadable files and folders, which are skipped, and the parts of a choice that do not fit. `WheelsoilError` where
+    nothing is readable (`daq.runs.open_runs`).
     """
     remarks: list[str] = []
     folders: list[Path] = []

@@ -39,15 +39,8 @@ def changes_since_last(
 ) -> dict[str, Any]:
     """Return what has changed since the last report, or the last campaign in a store, at a place.
 
-    Parameters
-    ----------
-    traction : Traction
-        Of the runs, as the report shows it.
-
-    Returns
-    -------
-    mapping
-        The sentence ``says`` and the ``rows`` of the report's section; without rows where there is no such campaign.
+    `traction` is that of the runs, as the report shows it. The result has the sentence ``says`` and the ``rows`` of the
+    report's section; no rows where there is no such campaign.
     """
     from wheelsoil.fleet import last_campaign, open_store  # its tables take a while to import
 

@@ -97,18 +97,8 @@ def curve_of(
 ) -> dict[str, FloatArray | float]:
     """Return slip, drawbar pull, torque and sinkage, each of shape (120,), NaN where the model has no answer.
 
-    Parameters
-    ----------
-    effects : sequence of str
-        Keys of `EFFECTS`.
-    reading : "balanced" or "literal"
-    values : mapping
-        Parameters that differ from the values of the soil and the neutral values of the effects.
-
-    Raises
-    ------
-    ConfigError
-        An unknown parameter, or two effects that share one.
+    `effects` are keys of `EFFECTS`; `values` are the parameters that differ from the values of the soil and the neutral
+    values of the effects. `ConfigError` for an unknown parameter, or two effects that share one.
     """
     model = WheelSoilModel(base.wheel, base.soil, [EFFECTS[key] for key in effects], reading)
     found = model.predict(base.conditions(), values)

@@ -21,12 +21,8 @@ def saved(campaign: ViewedCampaign, name: str, *, replace_it: bool) -> Path:
     """Write a campaign's choice into its folder and return its path.
 
     Every run is listed with its sha256; runs of another terrain or wheel in the same folder are switched off, so that
-    ``wheelsoil fit FOLDER --choice FILE`` takes the same runs.
-
-    Raises
-    ------
-    ConfigError
-        The name is not a file name, the file exists already or is not a choice, or it cannot be written.
+    ``wheelsoil fit FOLDER --choice FILE`` takes the same runs. `ConfigError` where the name is not a file name, the
+    file exists already or is not a choice, or it cannot be written.
     """
     path = _target(campaign.folder, name)
     if path.name.lower() in _OURS or (replace_it and _is_another(path)):

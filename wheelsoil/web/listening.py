@@ -37,14 +37,8 @@ def listen(
 ) -> socket.socket:
     """Return a listening socket; `page` is the name of the page in messages, `other` what may have taken its port.
 
-    Raises
-    ------
-    PortTakenError
-        The port is taken.
-    HardwareError
-        The address is not this machine's, or the port is not allowed.
-    ConfigError
-        There is no such port.
+    `PortTakenError` where the port is taken, `HardwareError` where the address is not this machine's or the port is not
+    allowed, `ConfigError` where there is no such port.
     """
     if not 0 <= port <= 0xFFFF:
         raise ConfigError.of("there is no such port", page, str(port), "1 to 65535")

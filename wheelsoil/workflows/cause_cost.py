@@ -71,10 +71,7 @@ def cost_of_verdict(
 ) -> CausesCost:
     """Return what the named causes cost in a driving, up to the highest slip that was driven.
 
-    Raises
-    ------
-    DataError
-        No cause is named, or the model has no answer.
+    `DataError` where no cause is named, or the model has no answer.
     """
     if found.verdict != "named" or not found.soils:
         raise DataError("no cause is named")
@@ -116,16 +113,8 @@ def costs_of(
     """Return what causes change at slip 0.2, at that of the highest tractive efficiency without them, and at the end.
 
     The end is the highest slip that was driven, where it is given. The slip of the highest efficiency is returned, too.
-
-    Parameters
-    ----------
-    soil : SoilEstimate
-        As calibrated with the causes; it is the same with and without them.
-
-    Raises
-    ------
-    DataError
-        The model has no answer for this load.
+    `soil` is as calibrated with the causes; it is the same with and without them. `DataError` where the model has no
+    answer for this load.
     """
 
     def curves(chosen: Sequence[Cause]) -> dict[str, FloatArray]:

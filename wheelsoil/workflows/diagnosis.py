@@ -371,12 +371,7 @@ def with_advice(joint: Diagnosis, wheels: Mapping[str, Diagnosis]) -> Diagnosis:
     """Return the diagnosis of all wheels with the next runs of the wheel whose steps separate most of its candidates.
 
     They are ranked by that wheel alone, so that what they are worth to the name of all is not known. Only a verdict
-    `one_of` has any.
-
-    Parameters
-    ----------
-    wheels : mapping wheel -> Diagnosis
-        Of each by itself.
+    `one_of` has any. `wheels` has the diagnosis of each by itself.
     """
     candidates = [parted(cause.name) for cause in joint.causes if joint.verdict == "one_of"]
     listed = [

@@ -102,11 +102,7 @@ def one_terrain(runs: Sequence[Run]) -> Run:
     """Return the run that stands for all of one terrain and vehicle; wheels with an id may be several of one size.
 
     A run on firm ground beside others has no soil, and stands for none; see `wheelsoil.workflows.runs.on_soil`.
-
-    Raises
-    ------
-    ConfigError
-        The runs are of different soils or wheels.
+    `ConfigError` where the runs are of different soils or wheels.
     """
     soft = [run for run in runs if run.info.ground == "soft"] or runs
     first = soft[0]

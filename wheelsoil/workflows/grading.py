@@ -52,14 +52,9 @@ class Grade:
 
 
 def grade_of(run: ProcessedRun, lost: Sequence[str] = (), named: Collection[str] = ()) -> Grade:
-    """Grade a run.
+    """Grade a run; anything of its recording that was `lost`, in words, makes a good run fair.
 
-    Parameters
-    ----------
-    lost : sequence of str
-        What of its recording was lost, in words; anything makes a good run fair.
-    named : collection of str
-        Channels whose zero is named for all runs, and is not judged by this run.
+    A channel of `named` has a zero that is named for all runs, and is not judged by this run.
     """
     moving = ~np.isin(run.reason, _BY_DESIGN)
     share = float(run.used.sum() / moving.sum()) if moving.any() else float("nan")

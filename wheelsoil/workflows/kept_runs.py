@@ -49,10 +49,7 @@ class KeptRun:
 def place_of(run: Run, options: ProcessOptions, zero: Path | None) -> KeptRun | None:
     """Return where a run is kept that is processed with some options; None where it cannot be.
 
-    Raises
-    ------
-    ConfigError
-        WHEELSOIL_CACHE_LIMIT is no size.
+    `ConfigError` where WHEELSOIL_CACHE_LIMIT is no size.
     """
     if folder() is None or not all(file.is_file() for file in run.files):
         return None

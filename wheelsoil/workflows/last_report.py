@@ -133,17 +133,9 @@ def store_meant(place: str) -> str | None:
 def load_last(path: Path, wheel: str = "") -> LastReport:
     """Read the numbers of an earlier report.
 
-    Parameters
-    ----------
-    path : Path
-        report.json, the page that it belongs to, or the folder that holds it.
-    wheel : str
-        Which one, where it is the report of a vehicle: report-FL.json is beside that.
-
-    Raises
-    ------
-    ConfigError
-        There is none, or it is of another program or an older schema.
+    The path is that of report.json, the page that it belongs to, or the folder that holds it. `wheel` is which one of a
+    vehicle's report: report-FL.json is beside that. `ConfigError` where there is none, or it is of another program or
+    an older schema.
     """
     file = _file_of(path)
     of_wheel = file.with_stem(f"{file.stem}-{wheel}")

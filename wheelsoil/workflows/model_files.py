@@ -31,10 +31,7 @@ _SCALED = (*TRANSDUCER_ROLES, *_SPEEDS, "pitch")
 def model_targets(output: Path, names: Sequence[str], *, force: bool) -> list[Path]:
     """Return the file of each campaign's model: `output`, or one beside it for each of several.
 
-    Raises
-    ------
-    ConfigError
-        One of them cannot be written, see `wheelsoil.console.check_output`.
+    `ConfigError` where one of them cannot be written (`wheelsoil.console.check_output`).
     """
     if len(names) == 1:
         return [check_output(output, force=force)]
@@ -96,9 +93,7 @@ def models_of(
 def _of_wheels(model: ExtendedModel, members: Sequence[Campaign | Bench], runs: Mapping[int, Run]) -> ExtendedModel:
     """Return a model with the wheels that it is of, and what its errors of measurement count from.
 
-    Parameters
-    ----------
-    runs : mapping id of a processed run -> its run
+    `runs` are by the id of the processed run.
     """
     driven = [each for each in members if isinstance(each, Campaign)]
     wheels = {each.of_vehicle.wheel: (each.wheel, each.tyre) for each in driven if each.of_vehicle}
@@ -257,12 +252,8 @@ def load_model(path: Path) -> ExtendedModel:
 def models_of_wheels(path: Path | None, wheels: Iterable[str]) -> dict[str, ExtendedModel | None]:
     """Read the model of each wheel from a model file, where one is given; that of a file of one wheel is of each.
 
-    That of all wheels (`daq.ALL_WHEELS`) is None where a cause acts at one of them alone.
-
-    Raises
-    ------
-    ConfigError
-        Everything that is wrong with it; it is of other wheels.
+    That of all wheels (`daq.ALL_WHEELS`) is None where a cause acts at one of them alone. `ConfigError` lists
+    everything that is wrong with it, or that it is of other wheels.
     """
     read = load_model(path) if path else None
     found = {wheel: read and read.of_wheel(wheel, str(path)) for wheel in wheels}

@@ -377,10 +377,7 @@ def doubted_by_most(processed: list[tuple[Run, ProcessedRun]]) -> list[tuple[Run
 def _plausible(processed: list[tuple[Run, ProcessedRun]], set_aside: SetAside) -> list[tuple[Run, ProcessedRun]]:
     """Return the runs that are possible as they are declared.
 
-    Raises
-    ------
-    ConfigError
-        None is; it names each run, with what would mend it.
+    Where none is, `ConfigError` names each run, with what would mend it.
     """
     refused = [
         (run, refusal(note, f"{_name(run)}, {run.vehicle_source}"), "held" not in note.values)

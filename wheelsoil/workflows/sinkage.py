@@ -100,10 +100,7 @@ def sinkage_of_runs(processed: Sequence[tuple[Run, ProcessedRun]]) -> SinkageFac
 def facts_of_runs(runs: Sequence[ProcessedRun], wheel: WheelSection | None) -> SinkageFacts:
     """Return the sinkage of processed runs of one wheel that carry a torque.
 
-    Raises
-    ------
-    DataError
-        No run is driven for long enough.
+    `DataError` where no run is driven for long enough.
     """
     cells = cells_of_runs(runs, _lug_height(wheel))
     if not len(cells):

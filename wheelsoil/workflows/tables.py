@@ -140,10 +140,7 @@ def read_wheels(
 ) -> list[WheelRows]:
     """Read single-wheel tables and their wheels; see `read_benches` and `TableFiles`.
 
-    Raises
-    ------
-    ConfigError, DataError
-        Everything that is wrong with any of them.
+    `ConfigError` or `DataError` lists everything that is wrong with any of them.
     """
     collected = Collected()
     with collected.catch():
@@ -322,10 +319,7 @@ def _wheel(path: str) -> WheelSection:
 def _merged(part: WheelTable, source: str, section: WheelSection | None) -> WheelSection:
     """Return what file and columns say of a wheel.
 
-    Raises
-    ------
-    ConfigError
-        They contradict each other, or leave radius or width open.
+    `ConfigError` where they contradict each other, or leave radius or width open.
     """
     stated = section.model_dump(exclude_none=True) if section else {}
     against = [

@@ -183,15 +183,8 @@ def place_of(vehicle: VehicleConfig) -> Place:
 def vehicle_of(processed: Mapping[str, Processed]) -> Vehicle:
     """Return what the wheels of a vehicle measured at the same times.
 
-    Parameters
-    ----------
-    processed : mapping wheel -> runs
-        Of each instrumented wheel, which are on one time base; runs that not all have are not used.
-
-    Raises
-    ------
-    DataError
-        At no time are the samples of all wheels used.
+    `processed` has the runs of each instrumented wheel, which are on one time base; runs that not all have are not
+    used. `DataError` where the samples of all wheels are used at no time.
     """
     by_id = [{run.id: processed_run for run, processed_run in of_wheel} for of_wheel in processed.values()]
     runs = [[of_wheel[name] for of_wheel in by_id] for name in by_id[0] if all(name in of_wheel for of_wheel in by_id)]
@@ -239,10 +232,7 @@ def _rows_used_by_all(runs: Sequence[ProcessedRun]) -> tuple[list[IntArray], int
 def doubts_of_wheels(processed: Mapping[str, Processed]) -> list[Fault]:
     """Return what makes it doubtful that the wheels have one clock, or stand where they are said to.
 
-    Parameters
-    ----------
-    processed : mapping wheel -> runs
-        Of each instrumented wheel.
+    `processed` has the runs of each instrumented wheel.
     """
     places = {name: place_of(runs[0][0].vehicle) for name, runs in processed.items()}
     sides = [

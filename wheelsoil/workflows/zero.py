@@ -95,13 +95,7 @@ class TransducerData:
 
 
 def sources_of(run: Run, needed: tuple[str, ...] = ()) -> Sources:
-    """Find the transducer's signals.
-
-    Raises
-    ------
-    ConfigError
-        A needed role has no signal.
-    """
+    """Find the transducer's signals; `ConfigError` where a needed role has none."""
     roles = resolve_roles(run.vehicle, run.databases, needed, ROLES)
     messages = messages_by_bus(run.databases)
     of_role = {roles[role].key: role for role in TRANSDUCER_ROLES if role in roles}
@@ -127,12 +121,8 @@ def sources_of(run: Run, needed: tuple[str, ...] = ()) -> Sources:
 def transducer_data(run: Run, *, from_s: float | None = None, to_s: float | None = None) -> TransducerData:
     """Read the transducer's part of a recording; `from_s` and `to_s` count from its first sample.
 
-    Raises
-    ------
-    ConfigError
-        The vertical load has no signal (or the pull or the wheel angle, for a transducer in wheel axes).
-    RecordingError
-        The file cannot be read.
+    `ConfigError` where the vertical load has no signal (or the pull or the wheel angle, for a transducer in wheel
+    axes); `RecordingError` where the file cannot be read.
     """
     turning = ("drawbar_pull", "wheel_angle") if run.vehicle.transducer.frame == "wheel" else ()
     sources = sources_of(run, ("vertical_load", *turning))
@@ -383,10 +373,7 @@ def zero_path(run: Run, vehicle: Path | None, output: Path | None) -> Path:
 def check_place(path: Path) -> ZeroConfig:
     """Return what a zero file holds already; nothing where it is not there yet.
 
-    Raises
-    ------
-    ConfigError
-        It is wrong, is a folder, or its folder does not exist.
+    `ConfigError` where it is wrong, is a folder, or its folder does not exist.
     """
     check_output(path, force=True)
     return load_zeros(path) if path.exists() else ZeroConfig()
@@ -395,10 +382,7 @@ def check_place(path: Path) -> ZeroConfig:
 def append(path: Path, found: Sequence[Found]) -> ZeroConfig:
     """Add determinations to a zero file, in order of time; the file is replaced in one step.
 
-    Raises
-    ------
-    ConfigError
-        See `check_place`.
+    `ConfigError` as from `check_place`.
     """
     zeros = check_place(path).plus(*(result.determination for result in found))
     try:

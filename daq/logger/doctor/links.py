@@ -147,12 +147,9 @@ def _rate(data: dict[str, Any], key: str) -> int | None:
 
 
 def _asked(name: str, request: int, form: str) -> int:
-    """Return a number of an interface's ``struct ifreq`` (a container may have no /sys to read it in).
+    """Return a number of an interface's ``struct ifreq``; `OSError` where there is no such interface.
 
-    Raises
-    ------
-    OSError
-        There is no such interface.
+    A container may have no /sys to read it in.
     """
     import fcntl  # Unix has it; so has every system with SocketCAN
 

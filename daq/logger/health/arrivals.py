@@ -69,12 +69,7 @@ class RollingCounter:
 
     While its range is not known, a fall from the highest value so far to the lowest is either its turn, or lost frames
     around its turn. A later fall decides: the same one again is the turn, one that goes beyond it shows that frames
-    were lost.
-
-    Parameters
-    ----------
-    bits : int
-        Length of the signal: without better knowledge the counter runs through all that they hold.
+    were lost. Without better knowledge it runs through all that the signal's `bits` hold.
     """
 
     def __init__(self, bits: int) -> None:
@@ -100,13 +95,9 @@ class RollingCounter:
         self._previous = NO_VALUE
 
     def take(self, raw: IntArray) -> IntArray:
-        """Take the raw values of frames in order.
+        """Take the raw values of frames in order and return the frames lost just before each, modulo the range.
 
-        Returns
-        -------
-        int64 array, shape as `raw`
-            Frames lost just before each, modulo the counter's range, -1 where it stood still; those of a doubtful fall
-            are listed at the frame that decided it.
+        -1 where the counter stood still; those of a doubtful fall are listed at the frame that decided it.
         """
         lost = np.zeros(len(raw), np.int64)
         start = 0
@@ -171,12 +162,8 @@ class MessageFlow:
     """Follows the arrivals of one message.
 
     What is usual is learned from the first frames, which are judged as soon as that is done. Where there is a rolling
-    counter it alone says what is lost, and the rate only how often the counter went round in a long gap.
-
-    Parameters
-    ----------
-    signals : sequence of str
-        Names of the signals in the order of the rows that `take` gets.
+    counter it alone says what is lost, and the rate only how often the counter went round in a long gap. `signals`
+    names the rows that `take` gets, in their order.
     """
 
     def __init__(self, message: Message, signals: Sequence[str]) -> None:
@@ -244,13 +231,7 @@ class MessageFlow:
         return self._declared_s if self._declared_s and not self.learned else float("nan")
 
     def take(self, time_ns: IntArray, values: FloatArray) -> None:
-        """Take decoded frames in order.
-
-        Parameters
-        ----------
-        time_ns : int64 array, shape (n,)
-        values : float64 array, shape (signals, n)
-        """
+        """Take decoded frames in order: `values` has shape (signals, n)."""
         self._count_frames(time_ns)
         if self._held is not None:
             raw = [raw_of(signal, values[row]) for row, signal in self._candidates]

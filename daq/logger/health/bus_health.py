@@ -211,10 +211,8 @@ class BusTraffic:
 class BusWatch:
     """Follows one bus from report to report.
 
-    Parameters
-    ----------
-    described, has_roles, may_be_unknown : bool
-        Whether a DBC describes it; whether a role's signal is on it; whether it may carry what no DBC knows.
+    The bus is `described` where a DBC describes it and `has_roles` where a role's signal is on it; `may_be_unknown` is
+    whether it may carry what no DBC knows.
     """
 
     def __init__(

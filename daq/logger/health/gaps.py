@@ -57,11 +57,7 @@ class Usual:
 def learned_after(time_ns: IntArray, least: int) -> int | None:
     """Return after how many frames the rate of a message can be learned, None where it cannot yet.
 
-    Parameters
-    ----------
-    time_ns : int64 array, shape (n,)
-    least : int
-        Intervals that it takes at any rate.
+    `least` intervals it takes at any rate.
     """
     if len(time_ns) > _LEARN_MOST:
         return _LEARN_MOST
@@ -159,15 +155,8 @@ class _Floor:
 class Gaps:
     """Finds the gaps of a message whose usual rate is known.
 
-    Parameters
-    ----------
-    modulus : int or None
-        How many frames are a turn of the rolling counter, None without one.
-
-    Attributes
-    ----------
-    period_ns : float
-        Time between frames, by their number over the last seconds without a gap.
+    `modulus` frames are a turn of the rolling counter, None without one. `period_ns` is the time between frames, by
+    their number over the last seconds without a gap.
     """
 
     def __init__(self, usual: Usual, modulus: int | None = None) -> None:
@@ -206,18 +195,9 @@ class Gaps:
         return verdicts
 
     def take(self, time_ns: IntArray, lost: IntArray) -> list[Verdict]:
-        """Take arrivals in order.
+        """Take arrivals in order and return the verdicts on the gaps that are judged now.
 
-        Parameters
-        ----------
-        time_ns : int64 array, shape (n,)
-        lost : int64 array, shape (n,)
-            What the rolling counter says is lost before each, -1 where it stood still.
-
-        Returns
-        -------
-        list of Verdict
-            Of the gaps that are judged now.
+        `lost` is what the rolling counter says is lost before each, -1 where it stood still.
         """
         if not len(time_ns):
             return []

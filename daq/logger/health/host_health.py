@@ -122,14 +122,8 @@ class Gnss:
     ) -> tuple[GnssHealth, list[Reason]] | None:
         """Return the state of the receiver and what is wrong with it; None without GNSS roles.
 
-        Parameters
-        ----------
-        values : mapping role -> float
-            Last values, SI.
-        period_s : float
-            Usual time between its messages, NaN where it is not known.
-        bus_active : bool
-            Whether its bus carries frames: else the bus is to blame.
+        `values` are the last ones by role, in SI; `period_s` is the usual time between the receiver's messages, NaN
+        where it is not known. Where its bus is not active, the bus is to blame.
         """
         if not self.roles:
             return None

@@ -35,19 +35,9 @@ _STEP = "correct [health] in vehicle.toml"
 class SignalValues:
     """Follows the values of a message's signals, all at once.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Signals in the order of the rows that `take` gets.
-    constant : collection of str
-        Signals that may stay the same as long as they like, beside counters, flags and enumerations.
-    at_rest : collection of str
-        Signals that stay the same while the vehicle stands.
-
-    Attributes
-    ----------
-    resting : bool
-        Whether the vehicle stands, to be kept up to date.
+    `names` are the signals in the order of the rows that `take` gets. Beside counters, flags and enumerations those of
+    `constant` may stay the same as long as they like, and those of `at_rest` while the vehicle stands: `resting` is to
+    be kept up to date.
     """
 
     def __init__(
@@ -78,14 +68,7 @@ class SignalValues:
         self._at_end = np.zeros((size, SATURATED_RUN - 1), np.bool_)
 
     def take(self, time_ns: IntArray, values: FloatArray) -> None:
-        """Take decoded frames in order.
-
-        Parameters
-        ----------
-        time_ns : int64 array, shape (n,)
-        values : float64 array, shape (signals, n)
-            NaN where a frame does not carry the signal.
-        """
+        """Take decoded frames in order: values of shape (signals, n), NaN where a frame does not carry the signal."""
         if not values.size:
             return
         lacking = np.isnan(values)
@@ -272,15 +255,8 @@ def watched_messages(
 def unknown_names(vehicle: VehicleConfig, databases: Mapping[str, tuple[Database, ...]]) -> Iterator[Fault]:
     """Yield a fault for each name in ``[health]`` that no DBC and no bus has.
 
-    Parameters
-    ----------
-    databases : mapping bus -> databases
-        Without any, names of messages and signals are not checked.
-
-    Raises
-    ------
-    DatabaseError
-        The databases of a bus contradict each other.
+    Of a vehicle without databases the names of messages and signals are not checked. `DatabaseError` where those of a
+    bus contradict each other.
     """
     messages: set[str] = set()
     signals: set[str] = set()

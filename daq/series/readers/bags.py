@@ -21,16 +21,8 @@ def read_bag(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     """Open a bag: a topic is a table, its columns the numbers in its messages (``velocity[2]``, ``twist.linear.x``).
 
     The time of a message is its header's stamp where it has one, else when it was recorded. Topics whose messages may
-    differ in length are read twice, first for their columns.
-
-    Raises
-    ------
-    ConfigError
-        rosbags is not installed.
-    RecordingError
-        The bag cannot be read.
-    DataError
-        It holds no numbers.
+    differ in length are read twice, first for their columns. `ConfigError` without rosbags, `RecordingError` for a bag
+    that cannot be read, `DataError` for one without numbers.
     """
     try:
         from rosbags.highlevel import AnyReader

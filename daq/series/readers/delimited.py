@@ -39,14 +39,8 @@ def read_delimited(path: Path, layout: SeriesSection, report: SeriesReport) -> S
     """Open a delimited text file of decoded series.
 
     Comma, semicolon, tab or bar between the cells, decimal points or commas, lines before the header, a row of units
-    under it, quoted cells, several time columns.
-
-    Raises
-    ------
-    DataError
-        No rows, no time column, or more columns than we take.
-    RecordingError
-        The file cannot be read.
+    under it, quoted cells, several time columns. `DataError` without rows or a time column, or with more columns than
+    we take; `RecordingError` where the file cannot be read.
     """
     with _opened(path) as file:
         head = read_head(file.read(HEAD_BYTES), layout, str(path))

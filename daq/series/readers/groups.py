@@ -63,17 +63,8 @@ def series_of(
     """Put columns into topics: those of one time column, or of one clock.
 
     A column belongs to the time column that it names; else to the one that is as long, of several to the one with the
-    longest beginning of the name in common, and of those to the last before it.
-
-    Parameters
-    ----------
-    clocks : mapping topic -> Clock, optional
-        Of columns whose `time` is that topic.
-
-    Raises
-    ------
-    DataError
-        There is no time column, or nothing of the length of one.
+    longest beginning of the name in common, and of those to the last before it. `clocks` are, by topic, those of
+    columns whose `time` is that topic. `DataError` where there is no time column, or nothing of the length of one.
     """
     clocks = dict(clocks or {})
     by_name = {column.name: column for column in columns}

@@ -28,14 +28,8 @@ def read_mat(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
 
     Vectors are columns, matrices with more rows than columns are ``name[0]``, ``name[1]``, ...; members of structs have
     dotted names. A struct with values and a time (Simulink, many loggers) is a column with that time. Units are members
-    ``unit`` or ``units`` of a struct, or of a variable ``units``.
-
-    Raises
-    ------
-    RecordingError
-        The file cannot be read.
-    DataError
-        It holds no series.
+    ``unit`` or ``units`` of a struct, or of a variable ``units``. `RecordingError` for a file that cannot be read,
+    `DataError` for one without series.
     """
     with path.open("rb") as file:
         if file.read(4) == b"\x89HDF" or (file.seek(512) and file.read(4) == b"\x89HDF"):

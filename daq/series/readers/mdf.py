@@ -21,14 +21,7 @@ _MASTER_TYPES = (2, 3)
 def read_mdf(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     """Open the decoded channels of an MF4 file: a channel group is a topic.
 
-    Raises
-    ------
-    ConfigError
-        asammdf is not installed.
-    DataError
-        It holds frames of a bus.
-    RecordingError
-        The file cannot be read.
+    `ConfigError` without asammdf, `DataError` for frames of a bus, `RecordingError` for a file that cannot be read.
     """
     try:
         import asammdf

@@ -19,12 +19,7 @@ _UNIT_KEYS = (b"unit", b"units", b"Unit")
 def read_parquet(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     """Open a Parquet table; a unit is the field's metadata ``unit``, or in brackets behind the name.
 
-    Raises
-    ------
-    DataError
-        No time column.
-    RecordingError
-        The file cannot be read.
+    `DataError` without a time column, `RecordingError` for a file that cannot be read.
     """
     import pyarrow as pa
     from pyarrow import parquet

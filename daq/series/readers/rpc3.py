@@ -24,10 +24,7 @@ _CLOCK = "table"
 def read_rpc3(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     """Open an RPC III file; it states names, units, scales and the rate, but no date.
 
-    Raises
-    ------
-    RecordingError
-        The header is damaged, or the samples are shorter than it says to the last group.
+    `RecordingError` where the header is damaged, or the samples are shorter than it says to the last group.
     """
     with path.open("rb") as file:
         header = _header(file.read(_BLOCK * _MOST_BLOCKS), path)

@@ -71,10 +71,7 @@ class Head:
 def read_head(head: bytes, layout: SeriesSection, source: str) -> Head:
     """Find delimiter, decimal sign, header, units and kinds of the columns in the beginning of a file.
 
-    Raises
-    ------
-    DataError
-        It is no table with a header and rows.
+    `DataError` where it is no table with a header and rows.
     """
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise DataError.of("the file is UTF-16 text", source, expected="UTF-8", next_step="save it as UTF-8")

@@ -29,14 +29,8 @@ _UNIT_KEYS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 def read_tdms(path: Path, layout: SeriesSection, report: SeriesReport) -> Series:
     """Open a TDMS file: columns are ``group/channel``, timed by their waveform properties or by a time channel.
 
-    Raises
-    ------
-    ConfigError
-        npTDMS is not installed.
-    RecordingError
-        The file cannot be read.
-    DataError
-        No channel has a time.
+    `ConfigError` without npTDMS, `RecordingError` for a file that cannot be read, `DataError` where no channel has a
+    time.
     """
     try:
         from nptdms.log import log_manager

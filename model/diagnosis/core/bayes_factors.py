@@ -59,14 +59,8 @@ def minimum_detectable(
 ) -> dict[str, Detectable]:
     """Return the smallest detectable size of every effect, by its key; the parameter that shows first.
 
-    A size beyond the parameter's bounds says that nothing plausible would be seen.
-
-    Parameters
-    ----------
-    listed : Hypotheses
-        With every effect alone, for the prior.
-    name_at : float
-        Probability asked for.
+    A size beyond the parameter's bounds says that nothing plausible would be seen. `listed` has every effect alone, for
+    the prior; `name_at` is the probability asked for.
     """
     found = {}
     for key, own in directions.items():
@@ -78,13 +72,7 @@ def minimum_detectable(
 
 
 def least_coefficient(information: float, one_sided: bool, wanted: float) -> float:
-    """Return the coefficient whose expected log Bayes factor is `wanted`; infinite where nothing shows.
-
-    Parameters
-    ----------
-    wanted : float
-        Nats.
-    """
+    """Return the coefficient whose expected log Bayes factor is `wanted` nats; infinite where nothing shows."""
     if information < _LEAST_INFORMATION:
         return float("inf")
     needed = wanted + 0.5 * log(1.0 + information) - (log(2.0) if one_sided else 0.0)
@@ -95,12 +83,8 @@ def least_coefficient(information: float, one_sided: bool, wanted: float) -> flo
 def expected_nats(nats: FloatArray, probabilities: Sequence[float]) -> float:
     """Return the expected log Bayes factor of the true member over the rest, averaged over which is true.
 
-    Parameters
-    ----------
-    nats : array, shape (members, members)
-        What the data add to the expected log Bayes factor of the row's member, if it is true, over the column's.
-    probabilities : sequence of float
-        Weights; need not sum to 1.
+    `nats`, shape (members, members), is what the data add to the expected log Bayes factor of the row's member, if it
+    is true, over the column's. The probabilities are weights and need not sum to 1.
     """
     weights = np.maximum(probabilities, _LEAST_WEIGHT)
     weights = weights / weights.sum()
@@ -117,12 +101,7 @@ def comes_apart(nats: FloatArray) -> list[bool]:
 def against_rest(nats: FloatArray, weights: FloatArray, i: int) -> float:
     """Return the expected log Bayes factor of member i against all others together.
 
-    Parameters
-    ----------
-    nats : array, shape (members,)
-        Against each.
-    weights : array, shape (members,)
-        Probabilities.
+    `nats` is that against each, `weights` are their probabilities, shape (members,) both.
     """
     rest = np.arange(len(weights)) != i
     share = weights[rest] / weights[rest].sum()

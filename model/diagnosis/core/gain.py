@@ -80,16 +80,9 @@ def gain_of(
     chosen: Sequence[tuple[str, ...]],
     channel: str,
 ) -> Gain:
-    """Return the gain of the extended model over the base model.
+    """Return the gain of the extended model over the base model, from the predictions of every fold.
 
-    Parameters
-    ----------
-    base, extended : sequence of HeldOutPrediction
-        Of every fold.
-    chosen : sequence of tuple of str
-        Keys of the causes that each fold chose.
-    channel : "dp", "t" or "z"
-        Whose error is reported first.
+    `chosen` has the keys of the causes that each fold chose; the error of `channel` is reported first.
     """
     pairs = [(b.answered_by(e), e.answered_by(b)) for b, e in zip(base, extended, strict=True)]
     base, extended = (_judged(folds) for folds in zip(*pairs, strict=True))

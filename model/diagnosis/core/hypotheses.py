@@ -80,13 +80,7 @@ class Hypotheses:
         return tuple(self.effects[i] for i in self.members[index] if i >= 0)
 
     def index_of(self, keys: tuple[str, ...]) -> int:
-        """Return the position of a set.
-
-        Raises
-        ------
-        KeyError
-            The set is not listed.
-        """
+        """Return the position of a set; `KeyError` where it is not listed."""
         found = self.position(keys)
         if found is None:
             raise KeyError(keys)
@@ -102,16 +96,9 @@ class Hypotheses:
 
 
 def listed_sets(family_of: Mapping[str, str], most: int = 3, triples: bool = True) -> Hypotheses:
-    """List the sets of up to `most` causes.
+    """List the sets of up to `most` (0 to 3) causes, from the family of every effect that is considered.
 
-    Parameters
-    ----------
-    family_of : mapping effect -> family
-        Of every effect that is considered.
-    most : int
-        0 to 3.
-    triples : bool
-        Without: sets of three wait for `with_triples`; their prior counts all the same.
+    Without `triples` sets of three wait for `with_triples`; their prior counts all the same.
     """
     return _listed_sets(tuple(family_of.items()), most, triples)
 
@@ -127,15 +114,7 @@ def _listed_sets(family_of: tuple[tuple[str, str], ...], most: int, triples: boo
 
 
 def with_triples(pairs: Hypotheses, promising: IndexArray) -> Hypotheses:
-    """Add the sets of three that one of the promising pairs is part of.
-
-    Parameters
-    ----------
-    pairs : Hypotheses
-        Sets of up to two.
-    promising : int array
-        Indices of pairs.
-    """
+    """Add the sets of three that one of the promising pairs, by their indices, is part of."""
     two = pairs.members[promising]
     third = np.arange(len(pairs.effects))
     triples = np.column_stack([np.repeat(two[:, :2], third.size, axis=0), np.tile(third, len(two))])
@@ -224,11 +203,8 @@ def probabilities(log_evidence: FloatArray, log_prior: FloatArray) -> FloatArray
 def short_set(found: Posterior, given: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return the shortest set of families of which one acts with `LEVEL`, if any cause acts; most probable first.
 
-    Parameters
-    ----------
-    given : tuple of str
-        Families that act in any case; the set holds what acts beside them. It is empty where that is less probable
-        than `MORE_AT`.
+    Families that are `given` act in any case; the set holds what acts beside them. It is then empty where that is less
+    probable than `MORE_AT`.
     """
     h = found.hypotheses
     known = np.isin(h.families, given)
@@ -260,10 +236,8 @@ def nearest_rival(found: Posterior, family: str) -> tuple[str, ...]:
 def more_alike(found: Posterior, families: Sequence[str]) -> dict[tuple[str, ...], float]:
     """Return more causes at once that look the same as some families: the prior of their number is what decides.
 
-    Returns
-    -------
-    dict
-        What would act in place of the families, and by how much its log evidence is less; fewest causes first.
+    The result has what would act in place of the families, fewest causes first, and by how much its log evidence is
+    less.
     """
     h = found.hypotheses
     score, given = found.log_evidence + h.log_prior, np.isin(h.families, families)
@@ -313,10 +287,7 @@ def likely_sets(found: Posterior) -> tuple[CauseSet, ...]:
 def probable_sets(found: Posterior, most: int, given: tuple[str, ...] = ()) -> dict[tuple[str, ...], float]:
     """Return the most probable sets of effects with their probabilities, at most so many.
 
-    Parameters
-    ----------
-    given : tuple of str
-        Families that each of them holds; where there is none, "none" is always one.
+    Each of them holds the families that are `given`; where there is none, "none" is always one.
     """
     h = found.hypotheses
     holds = np.asarray(h.has_family[:, np.isin(h.families, given)].all(axis=1))
@@ -334,15 +305,7 @@ def most_probable_form(found: Posterior, family: str) -> str:
 
 
 def cause_of(found: Posterior, family: str, key: str, parameters: tuple[ParameterEstimate, ...]) -> Cause:
-    """Return a cause with its probabilities.
-
-    Parameters
-    ----------
-    key : str
-        Of its form.
-    parameters : tuple of ParameterEstimate
-        As if it were the one.
-    """
+    """Return a cause with its probabilities; `key` is its form, and the parameters are as if it were the one."""
     effect = EFFECTS[key]
     return Cause(
         name=family,

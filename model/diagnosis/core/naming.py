@@ -110,20 +110,10 @@ def judgement(
 ) -> Judgement:
     """Return the verdict.
 
-    Parameters
-    ----------
-    found : Posterior
-        Of samples averaged over resampled runs.
-    judged : Adequacy
-        Of the most probable set.
-    gain : Gain or None
-        On held-out runs, the causes chosen anew in each fold.
-    converged : bool
-        Whether the linearisation converged.
-    contradiction : Note or None
-        Which of the most probable causes cancel each other, or which static test the runs contradict.
-    of_runs : bool
-        Whether driven runs are judged, with their average over resampled runs; else a table.
+    `found` is of samples averaged over resampled runs, `judged` of the most probable set, `gain` on held-out runs, the
+    causes chosen anew in each fold. `converged` is whether the linearisation did. `contradiction` says which of the
+    most probable causes cancel each other, or which static test the runs contradict. `of_runs` is whether driven runs
+    are judged, with their average over resampled runs; else a table.
     """
     if not judged.ok:
         return Judgement("unexplained", barred=Note(LackCode.NOTHING_JUDGED) if np.isnan(judged.statistic) else None)
@@ -168,10 +158,7 @@ def _each(families: Sequence[str], why: Note) -> tuple[tuple[str, Note], ...]:
 def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adequacy) -> dict[str, Note]:
     """Return the families that the data do not identify, without the zeros that are above `SHOWN_AT` by driving alone.
 
-    Parameters
-    ----------
-    not_identifiable : mapping family -> why
-        By what was driven and recorded.
+    `not_identifiable` says why, by family, of what was driven and recorded.
     """
     chances = found.as_they_are().families()
     return {
@@ -189,12 +176,8 @@ def one_of(
 ) -> Judgement:
     """Return the verdict that one of a set of families acts; one that is alone and barred with its nearest rival.
 
-    Parameters
-    ----------
-    likely : sequence of str
-        Families that would be named but for a rule; they stand in the set, needed or not.
-    kept_back : sequence of (family, Note)
-        See `Judgement`.
+    Families of `likely` would be named but for a rule; they stand in the set, needed or not. See `Judgement` for
+    `kept_back`.
     """
     families = tuple(dict.fromkeys((*short_set(found), *likely)))
     if barred is not None and len(families) == 1:
@@ -252,13 +235,7 @@ def _barred(found: Posterior, gain: Gain | None) -> Note | None:
 
 
 def confirmed(verdict: Judgement, found: Posterior, causes: Sequence[Cause]) -> Judgement:
-    """Return the verdict once its causes have their values: a value that does not bear its name takes the name back.
-
-    Parameters
-    ----------
-    causes : sequence of Cause
-        Of the verdict, with their values.
-    """
+    """Return the verdict once its causes have their values: a value that does not bear its name takes the name back."""
     if verdict.verdict == "named" and (why := doubtful(causes)):
         return one_of(found, why, verdict.families, (*_each(verdict.families, why), *verdict.kept_back))
     return verdict
@@ -268,14 +245,8 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
     """Return the verdict once its physical causes were asked again beside what soils usually do.
 
     One that does not stay above `least` loses its name to the set of it and its rivals; the others that stay keep
-    theirs, beside one of that set. Errors of measurement are exempt.
-
-    Parameters
-    ----------
-    chances : mapping family -> float
-        Probabilities beside what soils usually do.
-    rivals : sequence of str
-        Families of that.
+    theirs, beside one of that set. Errors of measurement are exempt. `chances` are the probabilities beside what soils
+    usually do, and `rivals` are families of that.
     """
     lost = [note.values["family"] for note in less_beside_usual(verdict, chances, rivals, least)]
     if not lost:
@@ -314,13 +285,7 @@ def is_usual(family: str) -> bool:
 
 
 def doubtful(causes: Sequence[Cause]) -> Note | None:
-    """Return why a cause's value does not bear its name; None where all do.
-
-    Parameters
-    ----------
-    causes : sequence of Cause
-        With their values.
-    """
+    """Return why a cause's value does not bear its name; None where all do."""
     for cause in causes:
         limits = {p.name: p for p in EFFECTS[cause.key].parameters}
         for found in cause.parameters:
@@ -343,10 +308,7 @@ def prior_shifts(
 ) -> tuple[PriorShift, ...]:
     """Return every change of one family's prior by a factor, up or down, that changes the verdict.
 
-    Parameters
-    ----------
-    judge : callable
-        Returns the verdict of other probabilities, all else being the same.
+    `judge` returns the verdict of other probabilities, all else being the same.
     """
     shifts = []
     for i, family in enumerate(found.hypotheses.families):

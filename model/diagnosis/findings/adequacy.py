@@ -106,12 +106,7 @@ class Unlisted:
 def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3) -> Unlisted:
     """Weigh what no cause describes against all sets of causes, the noise model taken at its word.
 
-    Parameters
-    ----------
-    excluded : set of str
-        Families or keys that leave no trace.
-    most : int
-        Causes in the largest set.
+    Families or keys that are `excluded` leave no trace; the largest set has `most` causes.
     """
     return over_noises([(grams, 0.0)], excluded, most)
 
@@ -119,14 +114,9 @@ def unlisted(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3
 def over_noises(
     weighted: Iterable[tuple[Grams, float]], excluded: frozenset[str] = frozenset(), most: int = 3
 ) -> Unlisted:
-    """Weigh it over several models of the noise.
+    """Weigh it over several models of the noise, one at least; see `unlisted`.
 
-    Parameters
-    ----------
-    weighted : iterable of (Grams, float)
-        Whitened by each, and the logarithm of the prior density of its hyper-parameters; one at least.
-    excluded, most
-        See `unlisted`.
+    `weighted` is the cross products whitened by each, and the logarithm of the prior density of its hyper-parameters.
     """
     kinds: list[tuple[IndexArray, int | None, float]] = []
     each, priors = [], []
@@ -197,10 +187,7 @@ def _with_larger(grams: Grams, shapes: IndexArray, run: int | None, scale: float
 def adequacy(grams: Grams, keys: tuple[str, ...], found: Unlisted) -> Adequacy:
     """Judge whether causes of the library explain the data; where no shape could show that none does, none does.
 
-    Parameters
-    ----------
-    keys : tuple of str
-        Of the most probable set's effects.
+    The keys are those of the most probable set's effects.
     """
     if not left_over(grams, keys).information.any():
         return Adequacy(float("nan"), float("nan"), ok=False, measure="probability")
@@ -212,14 +199,8 @@ def lack_of_fit(
 ) -> LackOfFit:
     """Return what the most probable kind of unlisted shapes says is left, fitted all together.
 
-    Parameters
-    ----------
-    campaigns : tuple of CampaignData
-        For the shapes' columns.
-    keys : tuple of str
-        Of the set of causes that leaves it.
-    excess : float
-        Factor on the noise's variance.
+    The shapes' columns are those of the campaigns. The keys are of the set of causes that leaves it; `excess` is a
+    factor on the noise's variance.
     """
     shapes, left = grams.all_shapes()[0], left_over(grams, keys)
     first = 0 if found.run is None else len(grams.basis) + sum(len(gram.inner) for gram in grams.own[: found.run])
@@ -320,17 +301,9 @@ def findings(
 ) -> list[Finding]:
     """Return where the simulation with a set of causes is off, worst first.
 
-    Parameters
-    ----------
-    campaigns : tuple of CampaignData
-        For the shapes' heights.
-    keys : tuple of str
-        Causes that the simulation has.
-    excess : float
-        Factor on the noise's variance.
-    inputs : bool
-        Ask for errors of ground speed and load, too. What a missing cause leaves looks like many of them: where there
-        is a name for it, they are not asked for.
+    The shapes' heights are those of the campaigns. The keys are of the causes that the simulation has; `excess` is a
+    factor on the noise's variance. With `inputs` errors of ground speed and load are asked for, too. What a missing
+    cause leaves looks like many of them: where there is a name for it, they are not asked for.
     """
     heights = np.concatenate([data.columns.heights(data.samples.run) for data in campaigns])
     shapes, _ = grams.all_shapes()
@@ -351,14 +324,8 @@ def found_in(
 ) -> list[Finding]:
     """Return the shapes that stand out, one after the other.
 
-    Parameters
-    ----------
-    height : array, shape (b,)
-        Of each shape with a coefficient of 1, in the unit of its channel or input.
-    excess : float
-        Factor on the noise's variance.
-    least, most
-        Smallest statistic and largest number of shapes.
+    `height`, shape (b,), is that of each shape with a coefficient of 1, in the unit of its channel or input; `excess`
+    is a factor on the noise's variance; `least` is the smallest statistic and `most` the largest number of shapes.
     """
     score, information = left.score.copy(), left.information.copy()
     whole = np.maximum(np.diag(information), 1e-12)

@@ -108,14 +108,8 @@ class Disagreement:
 def disagreements(grams: Grams, runs: dict[str, int], causes: Sequence[Cause]) -> tuple[Disagreement, ...]:
     """Return the shared parameters about which campaigns disagree.
 
-    Parameters
-    ----------
-    grams : Grams
-        Of all campaigns, one after the other.
-    runs : mapping campaign -> int
-        How many runs each has, in that order.
-    causes : sequence of Cause
-        Of one set, with their values; what has no interval is not asked.
+    The campaigns stand one after the other in `grams`; `runs` is how many runs each has, in that order. The causes are
+    of one set, with their values; what has no interval is not asked.
     """
     keys = [cause.key for cause in causes]
     columns = [i for key in keys for i in own_columns(grams, key)]
@@ -147,10 +141,7 @@ def other_forms(
 ) -> dict[tuple[str, str], tuple[str, float]]:
     """Return which campaigns prefer another form of a cause: (family, campaign) -> form and nats.
 
-    Parameters
-    ----------
-    grams, runs, causes
-        As for `disagreements`.
+    It takes what `disagreements` does.
     """
     keys = tuple(cause.key for cause in causes)
     found = {}
@@ -217,13 +208,7 @@ def _judged(parameter: ParameterEstimate, own: tuple[Own, ...]) -> list[Disagree
 def disagreement_notes(
     found: Sequence[Disagreement], forms: Mapping[tuple[str, str], tuple[str, float]]
 ) -> tuple[Note, ...]:
-    """Return what joint campaigns disagree about; nothing where they agree.
-
-    Parameters
-    ----------
-    forms : mapping (family, campaign) -> (form, nats)
-        See `other_forms`.
-    """
+    """Return what joint campaigns disagree about, with their `other_forms`; nothing where they agree."""
     sizes = (
         {
             "parameter": disagreement.parameter,
@@ -279,12 +264,7 @@ def static_disputes(linearised: LinearisedCampaign) -> Iterator[Note]:
 def runs_apart(grams: Grams, best: SetEstimate, runs: Mapping[str, int]) -> Iterator[Note]:
     """Yield the runs whose pull or torque is off by a constant that no other run has; the farthest of each campaign.
 
-    Parameters
-    ----------
-    grams, runs
-        As for `disagreements`.
-    best : SetEstimate
-        Of the most probable set.
+    `best` is the most probable set; `grams` and `runs` are as for `disagreements`.
     """
     causes = [i for i, c in enumerate(grams.causes) if parted(c.key)[0] in _ZEROS]
     for campaign, (begin, end) in zip(runs, pairwise(np.cumsum([0, *runs.values()])), strict=True):
@@ -325,10 +305,7 @@ def _apart(grams: Grams, best: SetEstimate, cause: int, runs: range) -> dict[str
 def _of_runs(grams: Grams, best: tuple[str, ...], shown: Mapping[tuple[str, str], float]) -> tuple[float, float]:
     """Return what runs alone say of a reading less the applied force, and its one-sigma.
 
-    Parameters
-    ----------
-    shown : mapping (effect, parameter) -> float
-        Change of the reading per unit of each parameter that it shows.
+    `shown` is the change of the reading per unit of each (effect, parameter) that it shows.
     """
     keys = tuple(dict.fromkeys((*best, *(key for key, _ in shown))))
     found = estimate(grams, keys)
@@ -344,10 +321,7 @@ def _of_runs(grams: Grams, best: tuple[str, ...], shown: Mapping[tuple[str, str]
 def two_soils(grams: Grams) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
     """Return the runs of the one soil and of the other, the smaller group first; None where one soil will do.
 
-    Parameters
-    ----------
-    grams : Grams
-        Of one campaign, or of the wheels of one vehicle.
+    The cross products are of one campaign, or of the wheels of one vehicle.
     """
     count, columns = len(grams.run_names), grams.soil_columns.stop
     if count < 2 or not grams.soil:

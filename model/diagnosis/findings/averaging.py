@@ -39,16 +39,9 @@ _REPLICATES = 16
 def average_of(fits: Fits, found: Posterior, seed: int, named: Sequence[str] = ()) -> Average | None:
     """Fit the most probable sets, and measure what their average is worth; None where there is none.
 
-    A set whose spread the data leave undetermined is left to the rest.
-
-    Parameters
-    ----------
-    found : Posterior
-        Averaged over resampled runs.
-    seed : int
-        Of the resampling in each fold.
-    named : sequence of str
-        Families that every set holds; the others are left to the rest.
+    A set whose spread the data leave undetermined is left to the rest. `found` is averaged over resampled runs; the
+    seed is that of the resampling in each fold. Every set holds the families of `named`; the others are left to the
+    rest, too.
     """
     linearised, kept = fits.linearised, probable_sets(found, MOST_SETS, tuple(named))
     fits.fit((), *kept)
@@ -120,12 +113,9 @@ def _weights(linearised: LinearisedCampaign, run: int, sets: Sequence[Keys], fou
 
 
 def averaged(each: Sequence[HeldOutPrediction], weights: FloatArray) -> HeldOutPrediction:
-    """Return the average of predictions of one run.
+    """Return the average of predictions of one run by weights whose sum is 1.
 
-    Parameters
-    ----------
-    weights : array, shape (k,)
-        Sum 1. A sample without an answer of a set is averaged over the others.
+    A sample without an answer of a set is averaged over the others.
     """
     first = each[0]
     alike = [prediction.numbers == first.numbers for prediction in each]

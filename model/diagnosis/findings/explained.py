@@ -40,17 +40,9 @@ def plot_data_of(
 ) -> tuple[PlotData, ...]:
     """Return the data of each campaign for figures.
 
-    Parameters
-    ----------
-    base : SetFit
-        The soil alone.
-    extended : SetFit
-        With the causes.
-    shown : mapping effect key -> coefficients
-        Candidates whose signatures are drawn.
-    alone : mapping effect key -> SetFit
-        Those of them that were fitted each by itself: what they change is then what the whole model says, with the
-        soil fitted anew, and not what the linearised one does.
+    `base` has the soil alone, `extended` the causes. `shown` has the coefficients of the candidates whose signatures
+    are drawn. What those in `alone`, fitted each by itself, change is what the whole model says, with the soil fitted
+    anew, and not what the linearised one does.
     """
     return tuple(
         _plot_data(linearised, index, base, extended, shown, alone) for index in range(len(linearised.campaigns))
@@ -255,13 +247,7 @@ def confounded_causes(grams: Grams, found: Posterior, verdict: Judgement) -> tup
 
 
 def coefficients_in_place_of(grams: Grams, named: Sequence[str], confounded: Confounded) -> FloatArray:
-    """Return the coefficients that a confounded cause would have in place of the named one, the others kept.
-
-    Parameters
-    ----------
-    named : sequence of str
-        Keys of the named causes.
-    """
+    """Return the coefficients that a confounded cause would have in place of the named one, the others kept."""
     keys = (*(key for key in named if key != confounded.of), confounded.key)
     refitted = estimate(grams, keys)
     return np.array([refitted.coefficients[i] for i in refitted.columns if grams.causes[i].key == confounded.key])

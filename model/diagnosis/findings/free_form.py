@@ -57,10 +57,7 @@ class FreeForm:
 def with_free_form(linearised: LinearisedCampaign, other: Unlisted) -> FreeForm | None:
     """Return the physical cause of the most probable set whose formula, set free, explains one campaign, if any.
 
-    Parameters
-    ----------
-    other : Unlisted
-        What no cause describes, with every formula as listed.
+    `other` is what no cause describes, with every formula as listed.
     """
     keys = tuple(key for key in linearised.best.keys if EFFECTS[key].kind == "physical")
     if len(linearised.campaigns) > 1 or not keys:

@@ -70,19 +70,9 @@ def bagged(
 ) -> Posterior:
     """Return probabilities of sets of causes, averaged over resampled runs.
 
-    Parameters
-    ----------
-    excluded : set of str
-        Families or keys that leave no trace.
-    most : int
-        Causes in the largest set.
-    excess : float
-        Factor on the noise's variance (`model.diagnosis.findings.adequacy.excess`).
-
-    Returns
-    -------
-    Posterior
-        Not ``calibrated`` where there are too few runs: then the noise model is taken at its word.
+    Families or keys that are `excluded` leave no trace; the largest set has `most` causes; `excess` is a factor on the
+    noise's variance (`model.diagnosis.findings.adequacy.excess`). The result is not ``calibrated`` where there are too
+    few runs: then the noise model is taken at its word.
     """
     grams = replace(grams, matrices=grams.matrices / excess, own=())
     runs = len(grams.run_names)
@@ -112,10 +102,8 @@ def kinds_of(design: IndexArray) -> IndexArray:
 def drawn_anew(design: IndexArray, replicates: int, rng: np.random.Generator) -> FloatArray:
     """Return how often each run is among those drawn with replacement, shape (replicates, runs).
 
-    Parameters
-    ----------
-    design : int array, shape (runs, 3)
-        As `Grams` has it. Only runs of one kind stand for each other; where there are later passes, some are drawn.
+    By `design`, shape (runs, 3), as `Grams` has it, only runs of one kind stand for each other; where there are later
+    passes, some are drawn.
     """
     kinds, passes = kinds_of(design), design[:, 2] == np.unique(design[:, 2])[:, None]
     found = np.zeros((replicates, len(kinds)))
@@ -136,19 +124,9 @@ def held_out(
     linearised: LinearisedCampaign,
     fits: Mapping[Keys, SetFit] | None = None,
 ) -> tuple[Gain | None, tuple[Note, ...]]:
-    """Measure the gain of the extension by leaving out one run at a time.
+    """Measure the gain of the extension by leaving out one run at a time; None with one run.
 
-    Parameters
-    ----------
-    fits : mapping, optional
-        Sets that are fitted already.
-
-    Returns
-    -------
-    Gain or None
-        None with one run.
-    notes : tuple of Note
-        What few runs do to it.
+    The notes say what few runs do to it; `fits` are sets that are fitted already.
     """
     count = len(linearised.grams.run_names)
     if count < 2:
@@ -181,14 +159,8 @@ def predict_held_out(
 ) -> HeldOutPrediction:
     """Predict a run, of several wheels at each of them, from all others by a set of causes.
 
-    Parameters
-    ----------
-    fit : SetFit
-        Of the set, to all runs: where the model is linearised.
-    run : int
-        Of all runs of the Gram matrices.
-    grams : Grams, optional
-        Of the fit, where they are known already.
+    `fit` is that of the set to all runs: where the model is linearised. `run` counts all runs of the Gram matrices;
+    `grams` are those of the fit, where they are known already.
     """
     grams = grams or fit.grams()
     members = runs_of([(data.campaign, data.samples) for data in linearised.campaigns])[run]

@@ -35,16 +35,8 @@ def detectable_in_runs(
 ) -> dict[str, Detectable]:
     """Return the smallest size of every effect that these runs show; see `model.diagnosis.core.bayes_factors`.
 
-    Parameters
-    ----------
-    grams : Grams
-        Only what was driven counts, not what was measured.
-    excluded : set of str
-        Families or keys that leave no trace.
-    name_at : float
-        Probability asked for.
-    excess : float
-        Factor on the noise's variance.
+    Of `grams` only what was driven counts, not what was measured. Families or keys that are `excluded` leave no trace;
+    `name_at` is the probability asked for, `excess` a factor on the noise's variance.
     """
     listed = hypotheses(grams, excluded, 1)
     information = np.diag(without_soil(grams, grams.total))[1:] / excess
@@ -81,12 +73,7 @@ class Projected:
 def projected_without_soil(grams: Grams, matrix: FloatArray | None = None) -> Projected:
     """Project the soil out of a Gram matrix, as far as its prior lets it move.
 
-    Parameters
-    ----------
-    grams : Grams
-        Names the columns.
-    matrix : array, shape (m, m), optional
-        Another sum over runs than that of all.
+    `matrix`, shape (m, m), is another sum over runs than that of all.
     """
     total = grams.without_form(grams.total if matrix is None else matrix)
     causes = grams.cause_columns
@@ -148,10 +135,7 @@ class Isolability:
 def isolability(grams: Grams, sizes: Mapping[str, Sequence[float]] | None = None) -> Isolability:
     """Say which causes the runs behind `grams` can tell apart.
 
-    Parameters
-    ----------
-    sizes : mapping key -> coefficients, optional
-        In units of the prior scale; the default is one prior one-sigma for each parameter.
+    The sizes are coefficients in units of the prior scale; by default one prior one-sigma for each parameter.
     """
     projected = projected_without_soil(grams)
     keys = tuple(dict.fromkeys(column.key for column in grams.causes))

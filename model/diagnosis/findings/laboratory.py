@@ -57,14 +57,8 @@ def refuted_soil(
 ) -> tuple[RefutedSoil, ...]:
     """Return the parameters of the laboratory's soil that do not hold, most probable first.
 
-    Parameters
-    ----------
-    spaces : sequence of (campaign, SoilSpace, places)
-        Of each soil, and where its columns are among those of all.
-    sets : mapping set -> probability
-        The most probable sets.
-    factor : float
-        On the noise's variance.
+    `spaces` has each soil's campaign, its space and where its columns are among those of all. `sets` are the most
+    probable ones with their probabilities; `factor` is on the noise's variance.
     """
     grams = grams.scaled(1.0 / factor)
     asked = list(_wider(spaces, len(grams.soil)))
@@ -106,10 +100,7 @@ def _wider(spaces: Sequence[Place], count: int) -> Iterator[_Wider]:
 def _weighed(grams: Grams, keys: Keys, precision: FloatArray) -> tuple[float, FloatArray]:
     """Return the log evidence of a set, up to what does not depend on the soil's prior, and the soil, shape (q,).
 
-    Parameters
-    ----------
-    precision : array, shape (q, q)
-        Of the soils' coordinates before the data.
+    `precision`, shape (q, q), is that of the soils' coordinates before the data.
     """
     soils, start = len(grams.soil), grams.cause_columns.start
     own = [position for key in keys for position in grams.columns_of(key)]

@@ -56,14 +56,8 @@ class Term:
 def terms(conditions: Conditions, sinkage_m: FloatArray) -> tuple[Term, ...]:
     """Return the terms that these samples can tell: a constant, simple functions, products of two.
 
-    Left out is what was not measured, and what is the same in every sample.
-
-    Parameters
-    ----------
-    conditions : Conditions
-        Arrays of shape (n,).
-    sinkage_m : array, shape (n,)
-        The model's.
+    Left out is what was not measured, and what is the same in every sample. Conditions and the model's sinkage have the
+    shape (n,).
     """
     simple = [_telling(group) for group in _simple(conditions, sinkage_m)]
     found = [Term("1", "", np.ones(len(sinkage_m))), *(term for group in simple for term in group)]
@@ -125,17 +119,9 @@ class TermColumn:
 
 
 def propose_for(fit: SetFit) -> Proposal | None:
-    """Search for a formula of what a set of causes, or the soil alone, leaves.
+    """Search for a formula (see `propose`) of what a set of causes, or the soil alone, leaves.
 
-    Parameters
-    ----------
-    fit : SetFit
-        What the formula stands beside; its soil and causes stay uncertain.
-
-    Returns
-    -------
-    Proposal or None
-        See `propose`.
+    Its soil and causes stay uncertain.
     """
     columns: dict[str, TermColumn] = {}
     return propose(_terms_as_causes(_grams(fit, columns), columns), columns)
@@ -205,17 +191,9 @@ def _terms_as_causes(grams: Grams, columns: Mapping[str, TermColumn]) -> Grams:
 
 
 def propose(grams: Grams, terms: dict[str, TermColumn]) -> Proposal | None:
-    """Search for a formula of what is left.
+    """Search for a formula of what is left; None where none predicts held-out runs better than none, or with one run.
 
-    Parameters
-    ----------
-    grams : Grams
-        With terms in the place of causes, by their keys; what else is uncertain stands among the soil's columns.
-
-    Returns
-    -------
-    Proposal or None
-        None where no formula predicts held-out runs better than none, or there is but one run.
+    In `grams` terms are in the place of causes, by their keys; what else is uncertain stands among the soil's columns.
     """
     if len(grams.run_names) < _FEWEST_RUNS:
         return None

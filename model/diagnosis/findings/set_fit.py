@@ -100,17 +100,7 @@ class Spread:
 
 
 def spread_of(problem: SetProblem, x: FloatArray, linearised: LinearisedCampaign, keys: tuple[str, ...]) -> Spread:
-    """Return the spread of a fitted set.
-
-    Parameters
-    ----------
-    problem : SetProblem
-        Whitened at the estimate.
-    x : array, shape (p,)
-        The estimate.
-    keys : tuple of str
-        Effects of the set.
-    """
+    """Return the spread of a set that is whitened and fitted at `x`, shape (p,); the keys are of its effects."""
     count = len(x)
     if not count:
         nothing = np.zeros((0, 0))
@@ -249,17 +239,11 @@ def fit_set(
 ) -> SetFit:
     """Fit a set of causes with the whole model.
 
-    Gauss-Newton starts at the linear estimate; where a one-sided cause is small there, at its prior scale too, since
-    it may have stuck to its bound; and for a latency at several, since false ones confirm themselves. The cheapest is
+    Gauss-Newton starts at the linear estimate; where a one-sided cause is small there, at its prior scale too, since it
+    may have stuck to its bound; and for a latency at several, since false ones confirm themselves. The cheapest is
     kept, and what whitens renewed there. The set about which was linearised is estimated with the error of form in
-    mind; what others leave is no error of form.
-
-    Parameters
-    ----------
-    keys : tuple of str
-        Effects of the set; empty: the soil alone.
-    starts : "one" or "several"
-        "one": at the linear estimate only, where a point to linearise about is all that is asked for.
+    mind; what others leave is no error of form. Without keys it is the soil alone. One start, at the linear estimate,
+    does where only a point to linearise about is asked for.
     """
     linear = estimate(linearised.grams, keys)
     problem = set_problem(linearised.campaigns, linearised.grams, keys)
@@ -365,13 +349,8 @@ def parameters_of(
 ) -> dict[str, tuple[ParameterEstimate, ...]]:
     """Return the parameters of every effect of a set, with 95 % intervals.
 
-    Of Lyasko's law the sum p = m1 + m2 comes first, by profile; m1 and m2 have intervals only where they can be
-    parted. A parameter at its bound has an interval from there.
-
-    Parameters
-    ----------
-    spread : Spread, optional
-        Of the fit, where it is known already.
+    Of Lyasko's law the sum p = m1 + m2 comes first, by profile; m1 and m2 have intervals only where they can be parted.
+    A parameter at its bound has an interval from there. `spread` is that of the fit, where it is known already.
     """
     spread = spread or spread_of(fit.problem, fit.estimate, linearised, fit.keys)
     found: dict[str, tuple[ParameterEstimate, ...]] = {}
@@ -432,10 +411,7 @@ def _sum(fit: SetFit, spread: Spread, pair: tuple[int, int], name: str) -> Param
 def soils_of(fit: SetFit, linearised: LinearisedCampaign, spread: Spread | None = None) -> tuple[SoilEstimate, ...]:
     """Return the soil of every campaign, with the set of causes in the model.
 
-    Parameters
-    ----------
-    fit, linearised, spread
-        As for `parameters_of`.
+    It takes what `parameters_of` does.
     """
     spread = spread or spread_of(fit.problem, fit.estimate, linearised, fit.keys)
     return soils_with(fit, linearised, spread.covariance)

@@ -251,12 +251,7 @@ def _without_constants(rows: FloatArray, keep: int) -> FloatArray:
 def set_problem(campaigns: Sequence[CampaignData], grams: Grams, keys: tuple[str, ...]) -> SetProblem:
     """Return the problem of a set of causes, whitened as at the last linearisation.
 
-    Parameters
-    ----------
-    grams : Grams
-        Of the same linearisation.
-    keys : tuple of str
-        Effects of the set.
+    `grams` are of the same linearisation; the keys are of the set's effects.
     """
     causes = tuple(c for key in keys for c in grams.causes if c.key == key)
     names = [(c.key, c.parameter) for c in causes]

@@ -65,12 +65,7 @@ def posterior_with_usual_soil(
 ) -> Posterior:
     """Return the probabilities of the sets of all other causes beside what soils usually do.
 
-    Parameters
-    ----------
-    rng : Generator
-        Draws runs anew.
-    factor : float
-        On the noise's variance.
+    The generator draws runs anew; `factor` is on the noise's variance.
     """
     grams, campaigns = linearised.grams, linearised.campaigns
     usual = set(usual_effects(grams))

@@ -46,12 +46,8 @@ class Manoeuvre:
 def manoeuvres(samples: Samples, added_kg: Sequence[float] = ()) -> tuple[Manoeuvre, ...]:
     """Return what could be driven next, from the typical run of a campaign; the first is one more run like it.
 
-    Parameters
-    ----------
-    samples : Samples
-        Of the runs that were driven.
-    added_kg : sequence of float
-        What each run was ballasted with: no lighter run than without it is offered.
+    `samples` are of the runs that were driven. `added_kg` is what each was ballasted with: no lighter run than without
+    it is offered.
     """
     typical = typical_run(samples)
     return tuple(Manoeuvre(step, made) for step, made in _variants(typical, samples, added_kg) if len(made))
@@ -60,10 +56,7 @@ def manoeuvres(samples: Samples, added_kg: Sequence[float] = ()) -> tuple[Manoeu
 def unballasted_load_n(loads_n: FloatArray, added_kg: FloatArray) -> float:
     """Return the load of a wheel without ballast, N, from runs with some; the least of them where it does not show.
 
-    Parameters
-    ----------
-    loads_n, added_kg : arrays, shape (runs,)
-        Mean load on the wheel; ballast of the vehicle.
+    The loads are the means on the wheel, the ballast is that of the vehicle; shape (runs,) both.
     """
     least = float(loads_n.min())
     if len(added_kg) != len(loads_n) or not np.ptp(added_kg) > 0.0:

@@ -95,10 +95,7 @@ class Outlook:
     def chance(self, code: StepCode, added: FloatArray) -> float:
         """Return the probability that a step ends in the right name.
 
-        Parameters
-        ----------
-        added : array, shape (all columns, same)
-            Cross products of what the step adds.
+        `added`, shape (all columns, same), has the cross products of what the step adds.
         """
         if len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
             return 0.0
@@ -170,15 +167,8 @@ def outlook(
 ) -> Outlook:
     """Draw what may be true, and the runs anew.
 
-    Parameters
-    ----------
-    found : Posterior
-        Of the sets, averaged over resampled runs.
-    excess : float
-        Factor on the noise's variance.
-    not_identifiable : mapping family -> why
-    adequate : float
-        Probability that nothing unlisted acts.
+    `found` is averaged over resampled runs; `excess` is a factor on the noise's variance, `adequate` the probability
+    that nothing unlisted acts.
     """
     listed, chances = _likely(found)
     keys = {listed.effects[i] for i in listed.members[listed.members >= 0]} | set(usual_effects(grams))

@@ -103,12 +103,8 @@ class Split:
 def split(grams: Grams, added: FloatArray, members: tuple[Member, ...]) -> Split:
     """Say what more data would do to a set of causes.
 
-    Parameters
-    ----------
-    grams : Grams
-        Names the columns; its sum over runs is what is known now.
-    added : array, shape (m, m)
-        Cross products of the data to be added.
+    The sum over runs in `grams` is what is known now; `added`, shape (m, m), has the cross products of the data to be
+    added.
     """
     total = grams.total
     before = _pairwise(grams, without_soil(grams, total), members)
@@ -138,22 +134,11 @@ def members_of(sizes: Mapping[str, FloatArray], probabilities: Mapping[str, floa
 def next_runs(
     linearised: LinearisedCampaign, members: tuple[Member, ...], most: int = MOST, ahead: Outlook | None = None
 ) -> tuple[NextRun, ...]:
-    """Rank manoeuvres by what one more run of them does to a set of causes.
+    """Rank up to `most` manoeuvres by what one more run of them does to a set of causes, best first.
 
-    Parameters
-    ----------
-    members : tuple of Member
-        The causes that were not separable, at their estimated sizes.
-    most : int
-        Manoeuvres to return.
-    ahead : Outlook, optional
-        What may be true, where a name is what is missing.
-
-    Returns
-    -------
-    tuple of NextRun
-        Best first; what does no better than one more run like the others is left out. What a run separates are
-        families. Empty where there is but one member.
+    The members are the causes that were not separable, at their estimated sizes; with one there is no run to rank. What
+    does no better than one more run like the others is left out. What a run separates are families. `ahead` is what may
+    be true, where a name is what is missing.
     """
     known = {c.key: c.family for c in linearised.grams.causes}
     own = tuple(member for member in members if member.key in known)
@@ -215,12 +200,7 @@ def _without_soil(of_causes: Products, data: CampaignData, simulation: Simulatio
 def run_matrix(data: CampaignData, simulation: Simulation, manoeuvre: Manoeuvre) -> FloatArray:
     """Return the cross products of a run that was not driven: residual (void), soil, causes.
 
-    Parameters
-    ----------
-    data : CampaignData
-        Of the campaign it would belong to.
-    simulation : Simulation
-        Its own, perhaps with fewer effects.
+    `data` is of the campaign it would belong to; the simulation is that one's, perhaps with fewer effects.
     """
     samples = manoeuvre.samples
     linear = linearise(simulation, samples, _point(data, simulation, samples))
@@ -240,13 +220,8 @@ def _point(data: CampaignData, simulation: Simulation, samples: Samples) -> Poin
 def embedded(linearised: LinearisedCampaign, index: int, simulation: Simulation, matrix: FloatArray) -> FloatArray:
     """Return cross products of one campaign in the layout of all campaigns' Grams, shape (m, m); the rest is zero.
 
-    Parameters
-    ----------
-    index : int
-        Of the campaign.
-    simulation : Simulation
-        Whose effects are the causes in `matrix`.
-    matrix : array, shape (1 + q + k, 1 + q + k)
+    `index` is that of the campaign. The causes in `matrix`, shape (1 + q + k, 1 + q + k), are the effects of the
+    simulation.
     """
     grams: Grams = linearised.grams
     own, width = cause_columns(simulation, {}), grams.matrices.shape[1]

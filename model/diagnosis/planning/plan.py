@@ -325,14 +325,8 @@ def plan_from_linearised(
 ) -> Plan:
     """Return which causes linearised runs can separate, with the noise that they have.
 
-    Parameters
-    ----------
-    name_at : float
-        Probability from which on a family is named.
-    sizes : mapping key -> coefficients, optional
-        In units of the prior scale; see `isolability`.
-    advise : bool
-        As for `plan_of`.
+    From the probability `name_at` on a family is named. The sizes are coefficients in units of the prior scale
+    (`isolability`); `advise` is as for `plan_of`.
     """
     found = isolability(linearised.grams, sizes)
     groups = found.confounded()

@@ -37,12 +37,8 @@ class Products(Protocol):
 def static_tests(run: Samples, rests: Standstills) -> Iterator[tuple[Note, Products]]:
     """Yield what could be measured, and its cross products; no second coasting: it errs as the first does.
 
-    Parameters
-    ----------
-    run : Samples
-        A run that was driven: known forces are as large as what it measured.
-    rests : Standstills
-        Of the campaign, with what was read without soil.
+    Known forces are as large as what the run measured. `rests` are those of the campaign, with what was read without
+    soil.
     """
     yield Note(StepCode.LIFTED_ZERO), lifted_wheel
     for channel, (code, name) in _KNOWN.items():
@@ -56,12 +52,7 @@ def static_tests(run: Samples, rests: Standstills) -> Iterator[tuple[Note, Produ
 def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), when the unloaded channels are read for some seconds.
 
-    Parameters
-    ----------
-    data : CampaignData
-        For its noise.
-    run : Samples
-        A run that was driven.
+    `data` is for its noise, `run` one that was driven.
     """
     lifted = _lifted(run)
     rows, variance = _read(data, simulation, lifted)
@@ -73,12 +64,7 @@ def lifted_wheel(data: CampaignData, simulation: Simulation, run: Samples) -> Fl
 def calibrated(channel: str, size: float, data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), of the lifted wheel, half the time under a known force.
 
-    Parameters
-    ----------
-    channel : "dp" or "t"
-    size : of the pull or torque, N or N m
-    data, simulation, run
-        As for `lifted_wheel`.
+    `size` is that of the pull ("dp") in N, or of the torque ("t") in N m; the rest is as for `lifted_wheel`.
     """
     lifted = _lifted(run)
     nothing = np.zeros(len(lifted.rests))
@@ -93,10 +79,7 @@ def calibrated(channel: str, size: float, data: CampaignData, simulation: Simula
 def hard_ground(data: CampaignData, simulation: Simulation, run: Samples) -> FloatArray:
     """Return cross products of the causes, shape (k, k), of coasting for `COASTED_S`: there is no slip.
 
-    Parameters
-    ----------
-    data, simulation, run
-        As for `lifted_wheel`; the run is repeated at the same ground speed.
+    The run is repeated at the same ground speed; the rest is as for `lifted_wheel`.
     """
     values = data.noise.values
     apart = max(1, round(values["speed_noise_time_s"] / run.block_s))

@@ -21,21 +21,10 @@ from daq import FloatArray, IntArray
 
 
 def with_scatter(moments: FloatArray, tau: float, count: int) -> FloatArray:
-    """Return moments with a scatter of the first parameters integrated out.
+    """Return moments, shape (1 + k, 1 + k), with a scatter of the first `count` parameters integrated out.
 
-    Parameters
-    ----------
-    moments : array, shape (1 + k, 1 + k)
-        Score in the first row and column, precision in the rest.
-    tau : float
-        Its one-sigma in prior scales.
-    count : int
-        How many parameters scatter.
-
-    Returns
-    -------
-    array, shape (1 + k, 1 + k)
-        The first number is -2 times what the scatter adds to the log evidence.
+    They have the score in the first row and column and the precision in the rest; `tau` is the scatter's one-sigma in
+    prior scales. The first number of the result is -2 times what the scatter adds to the log evidence.
     """
     variance = tau**2
     inner = np.eye(count) + variance * moments[1 : 1 + count, 1 : 1 + count]
@@ -86,16 +75,9 @@ class Sums:
         return len(self.score) // 2
 
     def evidences(self, places: IntArray) -> FloatArray:
-        """Return log evidences of parameters that are normal with their prior scale.
+        """Return log evidences, shape (...), of parameters that are normal with their prior scale.
 
-        Parameters
-        ----------
-        places : array, shape (..., d)
-            Rows of each hypothesis.
-
-        Returns
-        -------
-        array, shape (...)
+        `places`, shape (..., d), are the rows of each hypothesis.
         """
         precision = np.eye(places.shape[-1]) + self.precision[places[..., :, None], places[..., None, :]]
         score = self.score[places]
@@ -106,10 +88,7 @@ class Sums:
     def fit(self, places: Sequence[int], prior: float = 1.0) -> tuple[FloatArray, FloatArray]:
         """Return mean, shape (d,), and covariance, shape (d, d), of the parameters in some rows.
 
-        Parameters
-        ----------
-        prior : float
-            Prior precision, in units of their scales.
+        The prior precision is in units of their scales.
         """
         at = np.array(places, np.intp)
         covariance: FloatArray = np.asarray(np.linalg.inv(prior * np.eye(at.size) + self.precision[np.ix_(at, at)]))

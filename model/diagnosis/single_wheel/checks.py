@@ -31,12 +31,7 @@ def chances_beside_usual_soil(
 ) -> Mapping[str, float]:
     """Return the probability of every other family where the soil has what soils usually have.
 
-    Parameters
-    ----------
-    uses : sequence of CauseUse
-        All candidates.
-    most : int
-        Causes in the largest set; no more than two are asked for.
+    `uses` are all candidates. The largest set has `most` causes; no more than two are asked for.
     """
     usual = tuple(replace(use, usual=True) for use in uses if EFFECTS[use.key].is_usual())
     others = tuple(use for use in uses if not EFFECTS[use.key].is_usual())

@@ -95,12 +95,8 @@ def posterior_of(
 ) -> SetPosterior:
     """Return the corrected evidence and the posterior of a hypothesis.
 
-    Parameters
-    ----------
-    optima : sequence of Optimum
-        Of one hypothesis, from several starts; at least one with a finite likelihood.
-    rows : array, shape (n,), optional
-        1 for rows that count, 0 for rows that are excluded.
+    The optima are of one hypothesis, from several starts, at least one with a finite likelihood. `rows`, shape (n,), is
+    1 for those that count and 0 for those that are excluded.
     """
     modes = _distinct(optima)
     hypothesis = modes[0].hypothesis

@@ -38,12 +38,8 @@ _USUAL_LOAD_N = 10_000.0
 def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tuple[PlotData, ...]:
     """Return every table's rows with what the simulation and its extensions say.
 
-    Parameters
-    ----------
-    chosen : Weighed
-        The extension; it and no cause at all have a posterior.
-    keys : sequence of str
-        Candidates whose signatures are wanted.
+    `chosen` is the extension; it and no cause at all have a posterior. The keys are of candidates whose signatures are
+    wanted.
     """
     problem = weighing.problem
     null, best = weighing.of_set(()), chosen
@@ -134,12 +130,7 @@ def noise_of(problem: BenchProblem, predicted: dict[str, FloatArray]) -> dict[st
 def detectable_in_rows(problem: BenchProblem, library: Library, null: Optimum, name_at: float) -> dict[str, Detectable]:
     """Return the smallest size of every cause that these rows show; see `model.diagnosis.core.bayes_factors`.
 
-    Parameters
-    ----------
-    null : Optimum
-        Of no cause.
-    name_at : float
-        Probability from which on a family is named.
+    `null` is the optimum of no cause; from the probability `name_at` on a family is named.
     """
     directions = {
         use.key: [

@@ -52,10 +52,7 @@ class Judged:
 def steady(base: Judged, judged_with: Callable[[float], Judgement]) -> tuple[Judgement, Note | None]:
     """Return the verdict that half and twice the error of form leave, and what they turn, where they do.
 
-    Parameters
-    ----------
-    judged_with : callable
-        The verdict with the error of form times a factor, its names not asked again.
+    `judged_with` gives the verdict with the error of form times a factor, its names not asked again.
     """
     own = base.judgement
     others = {factor: judged_with(factor) for factor in _ASKED.get(own.verdict, ())}
@@ -81,12 +78,7 @@ def _same(judgement: Judgement, other: Judgement) -> bool:
 def adequate_at(weighing: Weighing, rng: np.random.Generator) -> Note | None:
     """Return the least factor on the error of form at which a set is adequate, and the most probable one's families.
 
-    None where that of `_MOST_FACTOR` times has no adequate explanation either.
-
-    Parameters
-    ----------
-    weighing : Weighing
-        Without an adequate set.
+    None where that of `_MOST_FACTOR` times has no adequate explanation either. `weighing` has no adequate set.
     """
     known = [w for w in weighing.sets if np.isfinite(w.misfit)]
     least = sorted(known, key=lambda w: w.misfit)[:_RIVALS]

@@ -119,15 +119,7 @@ class ChannelNoise:
     ) -> tuple[float, float | None]:
         """Return the error of form that a right model may well have, and what share of `size` was taken for it.
 
-        Parameters
-        ----------
-        size : float
-            W, W r or r.
-
-        Returns
-        -------
-        tuple of float and float or None
-            None: no share was taken, the scatter of repeats says it.
+        The size is W, W r or r. The share is None where none was taken: the scatter of repeats says it.
         """
         scatter = scatter_of_repeats(measured, groups) if sigma is None else sigma
         if form_error.share is None and scatter > 0:
@@ -151,17 +143,9 @@ class ChannelNoise:
         return 1.0 / (self.scatter[:, None] ** 2 + self.carried)
 
     def log_likelihoods(self, error: FloatArray, rows: FloatArray | None = None) -> FloatArray:
-        """Return ln p of measured minus model for every node.
+        """Return ln p of measured minus model, shape (..., m), for every node: shape (..., nodes).
 
-        Parameters
-        ----------
-        error : array, shape (..., m)
-        rows : array, shape (m,), optional
-            1 for rows that count, 0 for rows that are excluded; of a group all or none.
-
-        Returns
-        -------
-        array, shape (..., nodes)
+        `rows`, shape (m,), is 1 for those that count and 0 for those that are excluded; of a group all or none.
         """
         counted = np.ones(error.shape[-1]) if rows is None else rows
         weight = self._row_precision * counted  # (nodes, m)

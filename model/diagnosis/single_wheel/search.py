@@ -89,12 +89,8 @@ def search(
 ) -> list[Optimum]:
     """Return the best values of every hypothesis from its start.
 
-    Parameters
-    ----------
-    starts : sequence of B arrays
-        Coordinates of each.
-    rows : array, shape (n,) or (B, n), optional
-        1 for rows that count, 0 for rows that are excluded; the same for all hypotheses, or each its own.
+    The starts are the coordinates of each. `rows`, shape (n,) or (B, n), is 1 for those that count and 0 for those that
+    are excluded; the same for all B hypotheses, or each its own.
     """
     found: list[Optimum] = []
     batch = max(64, _BATCH_ROWS // len(problem.slip))

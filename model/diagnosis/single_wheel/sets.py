@@ -136,10 +136,7 @@ def library(problem: BenchProblem, keys: Sequence[str] = tuple(EFFECTS), table: 
 def coverage_of(problem: BenchProblem, table: int | None = None) -> Coverage:
     """Return what the rows cover.
 
-    Parameters
-    ----------
-    table : int, optional
-        Whose tyre is asked for; else a tyre counts that all tables have.
+    With `table` its tyre is asked for; else a tyre counts that all tables have.
     """
     tyres = {b.tyre for i, b in enumerate(problem.tables) if table in (None, i)}
     measured = {channel for channel in OUTPUTS if np.isfinite(problem.measured(channel)).any()}

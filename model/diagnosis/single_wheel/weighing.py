@@ -46,10 +46,8 @@ _MOST_CORRECTED = 16
 def misfits(problem: BenchProblem, optima: Sequence[Optimum], rows: FloatArray | None = None) -> FloatArray:
     """Return Q of hypotheses, each searched for from where it fits best otherwise.
 
-    Parameters
-    ----------
-    rows : array, shape (n,) or (B, n), optional
-        1 for rows that count, 0 for rows that are excluded; the same for all hypotheses, or each its own.
+    `rows`, shape (n,) or (B, n), is 1 for those that count and 0 for those that are excluded; the same for all B
+    hypotheses, or each its own.
     """
     fixed = with_usual_form(problem)
     found = search(fixed, [o.hypothesis for o in optima], [o.standard for o in optima], rows)

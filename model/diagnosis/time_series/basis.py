@@ -47,17 +47,8 @@ def hats(
 ) -> Iterator[tuple[Shape, FloatArray]]:
     """Yield a hat over each knot; the outer ones go on.
 
-    Parameters
-    ----------
-    shape : Shape
-        What the hats have in common.
-    x : array, shape (n,)
-    knots : tuple of float
-        Ascending; of equal ones the last is kept.
-    on : bool array, shape (n,)
-        Where it may differ from zero; elsewhere it is zero.
-    value : callable
-        Turns a knot into the value that it stands for.
+    `shape` is what the hats have in common. The knots are ascending; of equal ones the last is kept, and `value` turns
+    each into the value that it stands for. A hat is zero where `on`, of the shape (n,) of `x`, is not set.
     """
     knots = tuple(k for k, after in zip(knots, (*knots[1:], np.inf), strict=True) if after > k)
     clipped = np.clip(np.where(on, x, knots[0]), knots[0], knots[-1])
@@ -217,14 +208,8 @@ def basis(
 ) -> Basis:
     """Return the shapes of the channels, the zeros that standstills show, the inputs' and the formulas'.
 
-    Parameters
-    ----------
-    changes : mapping key -> array, shape (c, n)
-        What effects at the point change; of those in `freed`.
-    freed : set of (key, Kind)
-        Effects whose formulas are set free: times a curve over a kind of shape.
-    beside : (int, int)
-        For how many other columns there is room before and behind.
+    `changes`, shape (c, n), is what effects at the point change, of those in `freed`, whose formulas are set free:
+    times a curve over a kind of shape. `beside` is for how many other columns there is room before and behind.
     """
     before, after = ([(s, x) for s, x in of(samples, linear) if np.std(x) > 0] for of in (_placed, _driven))
     formulas = [
@@ -399,12 +384,7 @@ def _of_channels(samples: Samples, linear: Linear) -> Iterator[tuple[Shape, Floa
 def growing_with_load(at: Conditions, drive: Conditions) -> FloatArray:
     """Return a shape that grows with the load, shape (n,): 1 where the load is `LOAD_SPREAD` above its mean.
 
-    Parameters
-    ----------
-    at : Conditions
-        Of samples or standstills.
-    drive : Conditions
-        Of the samples: their mean load is what a load is counted from.
+    `at` is of samples or standstills, `drive` of the samples: their mean load is what a load is counted from.
     """
     mean = float(np.mean(np.asarray(drive.vertical_load_n)))
     return (np.asarray(at.vertical_load_n) / mean - 1.0) / LOAD_SPREAD

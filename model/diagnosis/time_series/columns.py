@@ -233,12 +233,9 @@ class Grams:
         return replace(self, matrices=factor * self.matrices, own=own)
 
     def all_shapes(self) -> tuple[tuple[Shape, ...], FloatArray]:
-        """Return every shape of the catch-all, those of single runs too, and the total with them.
+        """Return every shape of the catch-all by rank, those of single runs too, and the total with them.
 
-        Returns
-        -------
-        shapes : tuple of Shape, by rank
-        total : array, shape (1 + q + k + all shapes, same)
+        The total has the shape (1 + q + k + all shapes, same).
         """
         start, shared = self.cause_columns.stop, len(self.basis)
         place = start + self.places
@@ -303,15 +300,7 @@ class Columns:
     def heights(self, run: IndexArray) -> FloatArray:
         """Return the largest value of each shape where it was measured, by rank; of an input the largest error.
 
-        Parameters
-        ----------
-        run : int array, shape (n,)
-            Of each sample.
-
-        Returns
-        -------
-        array, shape (all shapes,)
-            In the channel's unit, m/s or N.
+        `run`, shape (n,), is that of each sample. The result, shape (all shapes,), is in the channel's unit, m/s or N.
         """
         inputs, of_run = self.catch_all.input_heights, self.catch_all.of_run
         shared = _largest(self.rows[..., self.shared - len(inputs) : self.shared])
@@ -331,10 +320,6 @@ def soil_places(soils: Sequence[tuple[OfVehicle | None, tuple[str, ...]]]) -> tu
     """Return where the soil's columns of each campaign stand among those of all.
 
     Wheels of one vehicle have one soil; each has `SENSORS` of its own.
-
-    Parameters
-    ----------
-    soils : sequence of (OfVehicle or None, labels)
     """
     known: dict[tuple[object, str], int] = {}
     found = []
@@ -377,18 +362,11 @@ def columns_of(
 ) -> Columns:
     """Put the columns together.
 
-    The model is y = f + S (u - u0) + X (c - c0) + f' (e - e0) + ..., so that what is whitened is
-    y - f + S u0 + X c0 + f' e0: coefficients are counted from the laboratory's soil and from neutral. Where the model
-    bends in the ground speed, the mean over what is left of the speed's error, of variance P, is f + f'' P / 2.
-
-    Parameters
-    ----------
-    speed_variance : array, shape (n,)
-        P of each sample.
-    catch_all : bool
-        Whether to take up the catch-all's shapes.
-    freed : set of (key, Kind)
-        Effects whose formulas are set free, and over what.
+    The model is y = f + S (u - u0) + X (c - c0) + f' (e - e0) + ..., so that what is whitened is y - f + S u0 + X c0 +
+    f' e0: coefficients are counted from the laboratory's soil and from neutral. Where the model bends in the ground
+    speed, the mean over what is left of the speed's error, of variance P, is f + f'' P / 2. P, shape (n,), is
+    `speed_variance`. `catch_all` is whether to take up the catch-all's shapes; `freed` says of which effects the
+    formulas are set free, and over what.
     """
     causes = cause_columns(simulation, linear.point.causes)
     scale = np.array([c.scale for c in causes])

@@ -44,14 +44,9 @@ _FAR = 30.0
 
 
 def log_box_probability(mean: FloatArray, covariance: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return the log probability of a box.
+    """Return the log probability of a box; its bounds, shape (m, ...), are infinite where there is none.
 
-    Parameters
-    ----------
-    mean : array, shape (m, ...)
-    covariance : array, shape (m, m, ...)
-    lower, upper : array, shape (m, ...)
-        Bounds, infinite where there is none.
+    The mean has that shape, too, and the covariance (m, m, ...).
     """
     mean, covariance = mean.copy(), covariance.copy()
     total = np.zeros(mean.shape[1:])
@@ -141,14 +136,7 @@ def box(causes: tuple[CauseColumn, ...]) -> tuple[FloatArray, FloatArray]:
 def without_soil(grams: Grams, total: FloatArray) -> FloatArray:
     """Return cross products of residual and causes with soil and error of form integrated out.
 
-    Parameters
-    ----------
-    total : array, shape (..., m, m)
-        Sums over runs.
-
-    Returns
-    -------
-    array, shape (..., 1 + k, 1 + k)
+    `total`, shape (..., m, m), has sums over runs; the result has the shape (..., 1 + k, 1 + k).
     """
     total = grams.net if total is grams.total else grams.without_form(total)
     soil = grams.soil_columns
@@ -160,14 +148,9 @@ def without_soil(grams: Grams, total: FloatArray) -> FloatArray:
 
 
 def hypotheses(grams: Grams, excluded: frozenset[str] = frozenset(), most: int = 3, triples: bool = True) -> Hypotheses:
-    """List the sets of up to `most` causes of the columns.
+    """List the sets of up to `most` causes of the columns; see `model.diagnosis.core.hypotheses.listed_sets`.
 
-    Parameters
-    ----------
-    excluded : set of str
-        Families or keys that the data do not allow to tell.
-    most, triples
-        See `model.diagnosis.core.hypotheses.listed_sets`.
+    Families or keys that are `excluded` are those that the data do not allow to tell.
     """
     kept = {c.key: c.family for c in grams.causes if c.family not in excluded and c.key not in excluded}
     return listed_sets(kept, most, triples)
@@ -182,18 +165,9 @@ def set_columns(grams: Grams, listed: Hypotheses) -> IntArray:
 
 
 def log_evidences(grams: Grams, reduced: FloatArray, listed: Hypotheses) -> FloatArray:
-    """Return the log evidence of every set, less that of the empty set.
+    """Return the log evidence of every set, less that of the empty set, shape (..., n).
 
-    Parameters
-    ----------
-    grams : Grams
-        For what the columns are.
-    reduced : array, shape (..., 1 + k, same)
-        From `without_soil`.
-
-    Returns
-    -------
-    array, shape (..., n)
+    `grams` says what the columns are; `reduced`, shape (..., 1 + k, same), is that of `without_soil`.
     """
     products = np.moveaxis(reduced.reshape(-1, *reduced.shape[-2:]), 0, -1)
     columns = set_columns(grams, listed)
@@ -222,12 +196,7 @@ def _of_one_size(
 ) -> FloatArray:
     """Return evidence and box probability of sets with equally many columns, shape (replicates, sets).
 
-    Parameters
-    ----------
-    width : float
-        One-sigma of the coefficients' prior.
-    mass : array, shape (k,)
-        From `_prior_masses`.
+    `width` is the one-sigma of the coefficients' prior; `mass`, shape (k,), is that of `_prior_masses`.
     """
     at = columns + 1
     matrix = products[at[:, None], at[None, :]].swapaxes(-1, -2).copy()
@@ -269,22 +238,11 @@ def weighed(
     most: int = 3,
     beam: int | None = None,
 ) -> tuple[Hypotheses, FloatArray]:
-    """List the sets and weigh them.
+    """List the sets (see `hypotheses`) and weigh them: log evidences of shape (..., n).
 
-    Parameters
-    ----------
-    grams : Grams
-        For what the columns are.
-    reduced : array, shape (..., 1 + k, same)
-        From `without_soil`; with leading axes the beam keeps the pairs that are best in any of them.
-    excluded, most
-        See `hypotheses`.
-    beam : int or None
-        Pairs whose sets of three are weighed; None: every set of three.
-
-    Returns
-    -------
-    Hypotheses, and log evidences of shape (..., n)
+    `grams` says what the columns are. `reduced`, shape (..., 1 + k, same), is that of `without_soil`; with leading axes
+    the beam keeps the pairs that are best in any of them. It is how many pairs have their sets of three weighed; None:
+    every set of three is.
     """
     if beam is None and len({c.key for c in grams.causes}) > MANY:
         beam = BEAM_OF_MANY
@@ -311,14 +269,7 @@ def posterior(
 ) -> Posterior:
     """Return the probabilities of all sets of causes, the noise model taken at its word.
 
-    Parameters
-    ----------
-    excluded : set of str
-        Families or keys that the data do not allow to tell.
-    most : int
-        Causes in the largest set.
-    beam : int or None
-        See `weighed`.
+    See `hypotheses` and `weighed`.
     """
     listed, found = weighed(grams, without_soil(grams, grams.total), excluded, most, beam)
     return Posterior(listed, found, probabilities(found, listed.log_prior))
@@ -374,12 +325,7 @@ def best_set(
 ) -> SetEstimate:
     """Return the most probable set of causes and its values: where the next linearisation belongs.
 
-    Parameters
-    ----------
-    excluded, most
-        See `posterior`.
-    held : tuple of str, optional
-        A set that is kept while no other is `KEEP` times as likely: two forms of one cause would take turns for ever.
+    The set `held` is kept while no other is `KEEP` times as likely: two forms of one cause would take turns for ever.
     """
     found = posterior(grams, excluded, most)
     keys = found.best()
@@ -402,10 +348,7 @@ def log_evidence(grams: Grams, keys: tuple[str, ...] = ()) -> float:
 def log_evidence_of_none(grams: Grams, reduced: FloatArray) -> float:
     """Return the log density of all whitened data without a cause, constants included; nats.
 
-    Parameters
-    ----------
-    reduced : array, shape (1 + k, 1 + k)
-        From `without_soil`, of the sum over all runs.
+    `reduced`, shape (1 + k, 1 + k), is that of `without_soil`, of the sum over all runs.
     """
     soil = grams.soil_columns
     inner = grams.net[soil, soil] + np.eye(len(grams.soil))
@@ -422,10 +365,7 @@ def log_likelihood_of_run(grams: Grams, run: int, keys: tuple[str, ...] = ()) ->
 def log_evidence_of_sets(grams: Grams, excluded: frozenset[str], most: int, key: str | None = None) -> float:
     """Return the log density of all whitened data over all sets of causes by their prior, nats.
 
-    Parameters
-    ----------
-    key : str, optional
-        Only sets with this effect.
+    With `key` only sets with that effect count.
     """
     reduced = without_soil(grams, grams.total)
     listed, found = weighed(grams, reduced, excluded, most, BEAM)

@@ -94,10 +94,7 @@ def blocks_of(
 ) -> list[Block]:
     """Cut a campaign into blocks.
 
-    Parameters
-    ----------
-    values : mapping
-        Hyper-parameters that say how well a standstill's level is known from its own length.
+    The hyper-parameters in `values` say how well a standstill's level is known from its own length.
     """
     found = []
     resting = rest_variance(linear, samples, {**values, **{named(c, "at_rest"): 0.0 for c in AT_REST}})
@@ -304,12 +301,7 @@ def estimated(
 ) -> Noise:
     """Return the most probable hyper-parameters; of those in `OF_FEW` the root mean square.
 
-    Parameters
-    ----------
-    hyper_priors : mapping name -> Belief
-        Of every hyper-parameter.
-    start : mapping, optional
-        Where to start; the priors' centres by default.
+    By default it starts at the priors' centres; there is one of every hyper-parameter.
     """
     names = list(hyper_priors)
     centre = np.log([hyper_priors[name].centre for name in names])
@@ -380,12 +372,7 @@ class Piece:
     def slopes(self, best: FloatArray, back: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what it adds to gradient (h,) and information (h, h), and the slopes seen by the columns (w, h).
 
-        Parameters
-        ----------
-        best : array, shape (w,)
-            The columns' coefficients.
-        back : array, shape (w, w)
-            Whose square is their covariance.
+        `best`, shape (w,), are the columns' coefficients; the square of `back`, shape (w, w), is their covariance.
         """
         inverse, solved = _inverse(self._root), _solved(self._root, self._white, transposed=True)
         left = solved @ np.r_[1.0, -best]
@@ -399,10 +386,7 @@ class Piece:
 def likelihood(pieces: Ask, values: Mapping[str, float], names: Sequence[str]) -> Objective:
     """Return minus the log marginal likelihood, as of gradient and information by the logarithms of `names`.
 
-    Parameters
-    ----------
-    pieces : callable
-        Those of all blocks, spread over processes.
+    The pieces are those of all blocks, spread over processes.
     """
     found: list[_Sums] = pieces("sums", values, names)
     width = len(found[0].side) if found else 0

@@ -163,13 +163,9 @@ def layout_of(parts: Sequence[OfCampaign]) -> Layout:
 def joined(parts: Sequence[OfCampaign], alone: Sequence[RunGrams | None] = ()) -> Grams:
     """Put the Gram matrices of several campaigns into one.
 
-    Parameters
-    ----------
-    parts : sequence of OfCampaign
-        A cause that one campaign cannot show has a column of zeros there. A scale that goes with the wheel is that of
-        the first campaign that has the cause.
-    alone : sequence of RunGrams, optional
-        Of each campaign by itself, where they are known; those of the wheels of a vehicle are not used.
+    A cause that one campaign cannot show has a column of zeros there. A scale that goes with the wheel is that of the
+    first campaign that has the cause. `alone` are those of each campaign by itself, where they are known; those of the
+    wheels of a vehicle are not used.
     """
     several, layout = len(parts) > 1, layout_of(parts)
     turns, ranks = layout.turns, layout.ranks
@@ -209,14 +205,8 @@ def turn_of(
 ) -> FloatArray:
     """Return what takes residual, soil and causes of one campaign to those of all, shape (1 + q + k, width).
 
-    Parameters
-    ----------
-    own, causes : sequence of CauseColumn
-        Of the campaign, and of all; a scale may go with the wheel.
-    soil : int array, shape (q,)
-        Places of the campaign's soil.
-    soils : int
-        How many columns the soils of all have.
+    `own` are the causes of the campaign, `causes` those of all; a scale may go with the wheel. `soil`, shape (q,), are
+    the places of the campaign's soil, `soils` is how many columns the soils of all have.
     """
     turn = np.zeros((1 + len(soil) + len(own), width))
     turn[0, 0] = 1.0
@@ -280,15 +270,8 @@ def smoothed_speeds(
 
     It is one for all of them, but while they are linearised apart. What a wheel has for itself is left to the noise:
     about different speeds the wheels would not agree, since the model bends, and so would ask for ever more of it.
-
-    Parameters
-    ----------
-    parts : sequence of OfCampaign
-        The wheels.
-    coefficients : sequence of array, shape (m,)
-        Of each wheel's shared columns: 1 for the residual, minus the estimate for the others.
-    constants : array, optional
-        Of the `Grams` of these wheels, where they are known.
+    `coefficients` are of each wheel's shared columns, shape (m,): 1 for the residual, minus the estimate for the
+    others. `constants` are those of the `Grams` of these wheels, where they are known.
     """
     layout = layout_of(parts)
     together = np.zeros(layout.turns[0].shape[1])
@@ -367,19 +350,11 @@ def _shapes_of_drive(
 def vehicle_rows(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray]) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield whitened rows of some drives of one vehicle after the other, and ln det, as `whitened_rows` does.
 
-    Where a wheel was lifted, that comes last.
+    Where a wheel was lifted, that comes last. Each of `turns`, shape (m, width), takes a wheel's shared columns to
+    those of all.
 
-    Parameters
-    ----------
-    turns : sequence of array, shape (m, width)
-        What takes each wheel's shared columns to those of all.
-
-    Yields
-    ------
-    rows : array, shape (drives, rows, width + o + l)
-        Behind the columns of all: the shapes of single runs of one wheel after the other, without a gap in each drive;
-        then what is one value a run, scaled to one-sigma 1.
-    log_determinants : array, shape (drives,)
+    Rows have the shape (drives, rows, width + o + l). Behind the columns of all are the shapes of single runs of one
+    wheel after the other, without a gap in each drive; then what is one value a run, scaled to one-sigma 1.
     """
     drives = _drives(wheels)
     aligned, _ = _on_one_clock(_with_common_values(wheels), list(drives))
@@ -428,14 +403,8 @@ def _embedded(
 ) -> FloatArray:
     """Return what takes all columns of a wheel to those of the vehicle, for each of some drives, shape (d, m, width).
 
-    Parameters
-    ----------
-    turn : array
-        For the shared columns.
-    own : sequence of int
-        Columns for shapes of single runs of each wheel.
-    sizes : int array, shape (d, wheels)
-        How many of these each drive has.
+    `turn` is for the shared columns, `own` is how many columns each wheel has for shapes of single runs, and `sizes`,
+    shape (d, wheels), how many of these each drive has.
     """
     columns, width = wheels[i].columns, turn.shape[1]
     keep = width + sum(own)
@@ -521,14 +490,8 @@ def _at_blocks(
 ) -> OfCampaign:
     """Return a wheel at every block of the clock.
 
-    Parameters
-    ----------
-    clock : int array, shape (2, N)
-        Drive and number of every block.
-    at : int array, shape (n,)
-        Block of each of the wheel's samples.
-    of_drives : int array, shape (runs,)
-        Drive of each of its runs.
+    `clock`, shape (2, N), has drive and number of every block, `at`, shape (n,), the block of each of the wheel's
+    samples, `of_drives`, shape (runs,), the drive of each of its runs.
     """
     samples, columns = wheel.samples, wheel.columns
     blocks = np.arange(clock.shape[1])
@@ -561,12 +524,8 @@ def _at_blocks(
 def side_by_side(spaces: Sequence[StateSpace], own_share: float) -> StateSpace:
     """Return the noise of all wheels: the channels of one after the other, and the ground speed's error that all see.
 
-    Parameters
-    ----------
-    spaces : sequence of StateSpace
-        Of the same samples; the ground speed's error with the same values.
-    own_share : float
-        Of that error's variance, which each wheel has for itself; above 0.
+    The spaces are of the same samples, the ground speed's error with the same values; each wheel has `own_share`, above
+    0, of that error's variance for itself.
     """
     first = spaces[0].near()
     common = np.r_[first.later, first.now, first.before]
@@ -601,10 +560,7 @@ def side_by_side(spaces: Sequence[StateSpace], own_share: float) -> StateSpace:
 def most_probable_shares(parts: Sequence[OfCampaign], evidence: Callable[[Grams], float]) -> list[float | None]:
     """Return the share of the speed's error that each campaign's wheel has for itself; None where it is no vehicle's.
 
-    Parameters
-    ----------
-    evidence : callable
-        Log density of all data of the wheels of a vehicle.
+    `evidence` is the log density of all data of the wheels of a vehicle.
     """
     found: list[float | None] = [None] * len(parts)
     for group in groups_of([part.campaign for part in parts]):

@@ -79,10 +79,7 @@ def linearisation_points(
 ) -> list[LinearisationPoint]:
     """Return the next points of linearisation: the best soil and causes, and the ground speed that goes with them.
 
-    Parameters
-    ----------
-    step : float
-        Share of the way from the points of now.
+    `step` is the share of the way from the points of now.
     """
     estimates = [
         _estimate(data, best.soil[places], grams, best, step)
@@ -156,12 +153,9 @@ def _speed_and_slope(at: Conditions) -> FloatArray:
 
 
 def remainder_of(data: CampaignData, soil: FloatArray, causes: FloatArray) -> Remainder:
-    """Return what a soil and causes leave of a campaign's residual, with what is one value a run at its mean.
+    """Return what a soil, shape (q,), and causes, shape (k,), leave of a campaign's residual.
 
-    Parameters
-    ----------
-    soil : array, shape (q,)
-    causes : array, shape (k,)
+    What is one value a run is at its mean.
     """
     columns, noise = data.columns, data.noise.values
     shared = _coefficients(columns, soil, causes)

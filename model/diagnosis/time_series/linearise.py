@@ -320,12 +320,8 @@ def late_wheel(conditions: Conditions, speed: FloatArray, spin: FloatArray, chan
     """Return what a late wheel speed does to each channel, shape (c, n, 2): by each of `LATE_WHEEL`, per one-sigma.
 
     It acts by the slip, as an error of the ground speed does, and by the outboard inertia: what was compensated, and
-    what the model adds to it.
-
-    Parameters
-    ----------
-    speed, spin : array, shape (c, n)
-        The model's derivatives by ground speed and by the wheel's angular acceleration.
+    what the model adds to it. `speed` and `spin`, shape (c, n), are the model's derivatives by ground speed and by the
+    wheel's angular acceleration.
     """
     omega = np.maximum(np.asarray(conditions.wheel_speed_radps), _LEAST_RADPS)
     acceleration = np.asarray(conditions.wheel_acceleration_radps2)
@@ -346,19 +342,9 @@ def derivatives(
 ) -> dict[str, FloatArray]:
     """Return value and derivatives by speed, load, soil and causes at the samples' means, in one pass.
 
-    Parameters
-    ----------
-    conditions : Conditions
-        Of the samples, perhaps at another speed.
-    values : mapping
-        Parameters of the soil, and those of causes that are not at neutral.
-    channels : of "dp", "t", "z"
-
-    Returns
-    -------
-    mapping
-        "value", "speed", "load", "acceleration", "spin" of shape (c, n); "soil", by the parameters themselves, and
-        "causes" (c, n, ...).
+    The conditions are those of the samples, perhaps at another speed; `values` are the parameters of the soil, and
+    those of causes that are not at neutral. The result has "value", "speed", "load", "acceleration" and "spin" of shape
+    (c, n), and "soil", by the parameters themselves, and "causes" of shape (c, n, ...).
     """
     pieces = (_piece(conditions, rows) for rows in _pieces(len(np.asarray(conditions.slip))))
     return _joined([_derivatives(simulation, piece, values, channels) for piece in pieces])
@@ -463,12 +449,8 @@ def at_rest(
 ) -> tuple[FloatArray, FloatArray]:
     """Return what shows of `READ` without soil, shape (3, m), and its derivatives by the causes, (3, m, k).
 
-    Parameters
-    ----------
-    values : mapping
-        Parameters that are not at neutral.
-    applied : Reaction, optional
-        Known pull and torque on the wheel, arrays of shape (m,), instead of those of its static tests.
+    `values` are the parameters that are not at neutral. `applied` is the known pull and torque on the wheel, shape
+    (m,), instead of those of its static tests.
     """
     rests = samples.rests
     value, by_cause = _shown(simulation, rests, values, applied)

@@ -69,15 +69,7 @@ _STEADY_N = 0.1
 
 
 def with_likely_load(samples: Samples, values: Mapping[str, float]) -> Samples:
-    """Return samples with the load's expectation instead of its measured value.
-
-    Parameters
-    ----------
-    samples : Samples
-        As measured.
-    values : mapping
-        Hyper-parameters of the noise.
-    """
+    """Return samples with the load's expectation, by the noise's hyper-parameters, instead of its measured value."""
     measured = np.asarray(samples.conditions.vertical_load_n)
     counts = np.bincount(samples.run, minlength=samples.runs)
     means = np.bincount(samples.run, measured, minlength=samples.runs) / np.maximum(counts, 1)
@@ -156,20 +148,11 @@ def relinearise(
     keep_noise: bool = False,
     most: int = MOST_ROUNDS,
 ) -> Relinearised:
-    """Iterate the linearisation about the explanation until it converges.
+    """Iterate the linearisation about the explanation, beginning at `points`, until it converges.
 
-    Parameters
-    ----------
-    points : sequence of LinearisationPoint
-        Where to begin.
-    choose : callable
-        Picks the explanation from cross products, given the one before.
-    before : Progress, optional
-        Of the iterations that this goes on with.
-    keep_noise : bool
-        Take the noise of the first iteration as it is; otherwise it is estimated from the second one on.
-    most : int
-        Iterations, those before included.
+    `choose` picks the explanation from cross products, given the one before. `before` is of the iterations that this
+    goes on with; `most` counts them, too. With `keep_noise` the noise of the first iteration is taken as it is;
+    otherwise it is estimated from the second one on.
     """
     best, earlier = before or (None, ())
     last: SetEstimate | None = None
@@ -208,18 +191,9 @@ def campaigns_at(
 ) -> tuple[tuple[CampaignData, ...], float]:
     """Linearise campaigns about points, or as near to them as no sample loses its answer, and whiten them.
 
-    Parameters
-    ----------
-    keep_noise : bool
-        Take the noise of the points as it is.
-    catch_all : bool
-        Whether to take up the catch-all's shapes: where anything is judged by the linearisation.
-
-    Returns
-    -------
-    campaigns : tuple of CampaignData
-    step : float
-        Share of the step to the points that keeps every answer.
+    The number is the share of the step to the points that keeps every answer. With `keep_noise` the noise of the points
+    is taken as it is. `catch_all` is whether to take up the catch-all's shapes: where anything is judged by the
+    linearisation.
     """
     samples = [with_likely_load(s.samples, at.noise.values) for s, at in zip(starts, points, strict=True)]
     neutral = {key: e.parameters[i].neutral for s in starts for e, i, key in s.simulation.parameters}
@@ -326,14 +300,8 @@ def converged_alternative(
 ) -> Relinearised:
     """Return the explanation at which the iteration converges; the one that moves, where there is none.
 
-    Parameters
-    ----------
-    moving : Relinearised
-        What did not converge.
-    others : sequence of sets of causes
-        That seemed likely.
-    choose : callable
-        Picks the explanation from cross products, given the one before.
+    `moving` is what did not converge, `others` are the sets of causes that seemed likely. `choose` picks the
+    explanation from cross products, given the one before.
     """
     ranked = sorted(
         {keys for keys in others if keys != moving.best.keys}, key=lambda keys: -log_evidence(moving.grams, keys)
@@ -416,10 +384,7 @@ class LinearisedCampaign:
     def information(self, excess: float) -> Information | None:
         """Return what can be pooled with other campaigns; None for several, whose soils differ, but those of a vehicle.
 
-        Parameters
-        ----------
-        excess : float
-            Factor on the noise's variance.
+        `excess` is a factor on the noise's variance.
         """
         if len({data.campaign.ground for data in self.campaigns}) > 1:
             return None

@@ -257,12 +257,8 @@ def noise_notes(
 ) -> tuple[Note, ...]:
     """Return what the noise of one campaign tells of its sensors.
 
-    Parameters
-    ----------
-    priors : mapping name -> Belief
-        See `model.diagnosis.time_series.noise.hyper_priors`.
-    seen : float
-        Share of a swing once a turn that the blocks of the samples show; see `swing_seen`.
+    See `model.diagnosis.time_series.noise.hyper_priors` for the priors. `seen` is the share of a swing once a turn that
+    the blocks of the samples show; see `swing_seen`.
     """
     return tuple(
         note for channel in channels for note in (*_swing(noise, channel, seen), *_zeros(noise, priors, channel))

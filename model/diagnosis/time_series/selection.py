@@ -64,12 +64,7 @@ def without_outliers(
 ) -> tuple[Start, ...] | None:
     """Return the campaigns without their outliers; None where there are none.
 
-    Parameters
-    ----------
-    campaigns : sequence of CampaignData
-        About the explanation.
-    best : SetEstimate
-        The explanation.
+    The campaigns are linearised about `best`.
     """
     found = []
     for start, data, places in zip(starts, campaigns, soil_places_of(campaigns), strict=True):

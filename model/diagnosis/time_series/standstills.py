@@ -100,11 +100,7 @@ def standstills_of(
 ) -> Standstills:
     """Collect the standstills of a campaign that show zeros.
 
-    Parameters
-    ----------
-    channels : of "dp", "t"
-    clocks, positions : list of array
-        See `model.wheel_soil.run_conditions`.
+    The channels are of "dp" and "t"; see `model.wheel_soil.run_conditions` for clocks and positions.
     """
     rows = [*_lifted(campaign, channels, clocks, positions), *_static(campaign, channels, clocks, positions)]
     for index, (run, clock, x) in enumerate(zip(campaign.runs, clocks, positions, strict=True)):

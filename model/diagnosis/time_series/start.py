@@ -67,15 +67,8 @@ class Start:
 def begin(campaign: Campaign, samples: Samples, effects: Sequence[str], reading: Reading, noise: Noise | None) -> Start:
     """Return what the linearisation of a campaign starts from.
 
-    Parameters
-    ----------
-    effects : sequence of str
-        Keys of those to consider.
-
-    Raises
-    ------
-    DataError
-        The samples do not suffice, see `unfit`; or no run shows by its sensors what was chosen.
+    The keys are of the effects to consider. `DataError` where the samples do not suffice (`unfit`), or no run shows by
+    its sensors what was chosen.
     """
     coverage = coverage_of(campaign, samples)
     fault = unfit(campaign, samples) or _unseen(campaign, coverage, effects)
@@ -106,13 +99,7 @@ def _unseen(campaign: Campaign, coverage: Coverage, effects: Sequence[str]) -> F
 
 
 def unfit(campaign: Campaign, samples: Samples) -> Fault | None:
-    """Return why a campaign cannot be diagnosed; None where it can.
-
-    Parameters
-    ----------
-    samples : Samples
-        Of it.
-    """
+    """Return why a campaign cannot be diagnosed; None where it can."""
     if len(samples) < FEWEST:
         return _too_few(campaign, samples)
     if samples.measured.keys() & REACTIONS:

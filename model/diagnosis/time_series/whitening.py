@@ -134,13 +134,7 @@ class Whitened:
 
 
 def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
-    """Whiten columns.
-
-    Parameters
-    ----------
-    columns : array, shape (R, N, C, M)
-        Zero where a channel is missing.
-    """
+    """Whiten columns of shape (R, N, C, M), zero where a channel is missing."""
     runs, count, channels, width = columns.shape
     states, stationary = len(space.variance), space.stationary()
     if core := library():
@@ -170,19 +164,8 @@ def whiten(space: StateSpace, columns: FloatArray) -> Whitened:
 def smoothed(space: StateSpace, data: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the processes' means given all the data of a run, and their covariances.
 
-    Parameters
-    ----------
-    data : array, shape (R, N, C)
-        Zero where a channel is missing.
-
-    Returns
-    -------
-    means : array, shape (R, N, S)
-    covariances : array, shape (R, N, S, S)
-
-    Notes
-    -----
-    The fixed-interval smoother of Rauch, Tung & Striebel (1965).
+    The data, shape (R, N, C), are zero where a channel is missing; the results have the shapes (R, N, S) and (R, N, S,
+    S). The fixed-interval smoother of Rauch, Tung & Striebel (1965).
     """
     if core := library():
         return space.compiled(core).smooth(data)
@@ -216,15 +199,9 @@ def state_space(
     values: Mapping[str, float],
     speed_variance: FloatArray,
 ) -> StateSpace:
-    """Return the noise of a campaign's runs.
+    """Return the noise of a campaign's runs, by the hyper-parameters in `values`; `present` has the shape (c, n).
 
-    Parameters
-    ----------
-    present : bool array, shape (c, n)
-    values : mapping
-        Hyper-parameters.
-    speed_variance : array, shape (n,)
-        Variance of the ground speed's error about the point.
+    `speed_variance`, shape (n,), is that of the ground speed's error about the point.
     """
     at = places_of(samples.run, samples.runs)
     listed = processes(linear.channels)
@@ -258,12 +235,8 @@ def state_space(
 def _steps(memories_s: FloatArray, step_s: FloatArray, block_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the decay of "later", shape (n, L), `Neighbours.shares`, (n, 3, L), and the decay of one block, (L,).
 
-    Parameters
-    ----------
-    memories_s : array, shape (L,)
-        0: white.
-    step_s : array, shape (n, 1)
-        To each sample from the one before: one block, or a gap, behind which "before" follows from "later".
+    A memory, shape (L,), of 0 is white. A step, shape (n, 1), is to each sample from the one before: one block, or a
+    gap, behind which "before" follows from "later".
     """
 
     def decay(seconds: FloatArray) -> FloatArray:
@@ -375,13 +348,8 @@ def grams_of(
 ) -> RunGrams:
     """Return the Gram matrices of whitened rows, with what is one value a run integrated out.
 
-    Parameters
-    ----------
-    rows : iterable of (rows, log determinants)
-        Of some runs after the other; see `whitened_rows`.
-    keep, shared : int
-        Columns before the constants, and before the shapes of single runs.
-    of_run : sequence of RunShapes
+    The rows are of some runs after the other, with their log determinants (`whitened_rows`). `keep` and `shared` are
+    how many columns stand before the constants, and before the shapes of single runs.
     """
     own: list[OwnGram] = []
     matrices, log_determinants, means = [], [], []
@@ -447,10 +415,8 @@ def remainder(
 ) -> Remainder:
     """Return what an estimate leaves of the residual.
 
-    Parameters
-    ----------
-    coefficients : array, shape (runs, 1 + q + k + b + o + l)
-        Of the columns: 1 for the residual, minus the estimate for the others.
+    `coefficients`, shape (runs, 1 + q + k + b + o + l), are of the columns: 1 for the residual, minus the estimate for
+    the others.
     """
     at = places_of(samples.run, samples.runs)
     space = state_space(samples, linear, columns.present, values, speed_variance)
