@@ -66,8 +66,8 @@ class Recommendation:
 
     `title` is what the model is called (`wheelsoil.wording.verdict.model_title`), `name` and `base_name` are it and the
     one beside it in words; with `is_base` nothing better than the base is known, and there is one model. `main_channel`
-    is that of the cause's figure; `run` indexes `runs`. Channels have arrays of shape (n,); `noise` is one sigma of a
-    measured sample about the base, NaN where nobody estimated it. `adequate`: a diagnosis, which knows the error of the
+    is that of the cause's figure; `run` indexes the ids `runs`. Channels have arrays of shape (n,); `noise` is one sigma of
+    a measured sample about the base, NaN where nobody estimated it. `adequate`: a diagnosis, which knows the error of the
     slip, finds no more than noise about the model.
     """
 
@@ -86,6 +86,10 @@ class Recommendation:
     recommended: Mapping[str, FloatArray]
     noise: Mapping[str, FloatArray]
     adequate: bool = False
+
+    def of_run(self, name: str) -> BoolArray:
+        """Return which samples are of a run."""
+        return np.isin(self.run, [i for i, known in enumerate(self.runs) if known == name])
 
     def residual(self, channel: str, *, base: bool = False) -> FloatArray:
         """Return measured - predicted, shape (n,), of the recommended model or of the baseline."""
@@ -128,12 +132,11 @@ def recommended_causes(found: Diagnosis) -> tuple[Cause, ...]:
 
 def of_diagnosis(found: Diagnosis) -> Recommendation:
     """Return what a diagnosis with samples recommends: the extended model, or the baseline where no cause is likely."""
-    several = len(found.plot_data) > 1
     runs: list[str] = []
     number, pieces = [], found.plot_data
     for piece in pieces:
         number.append(piece.run + len(runs))
-        runs += [f"{piece.campaign}: {name}" if several else name for name in piece.runs]
+        runs += piece.runs
     channels = [c for c in OUTPUTS if any(c in piece.base for piece in pieces)]
 
     def joined(name: str) -> dict[str, FloatArray]:
