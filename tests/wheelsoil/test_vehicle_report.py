@@ -367,7 +367,7 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
     assert re.search("all wheels together +Torque gain of wheel FR", result.out)
     card = (tmp_path / "r.html").read_text(encoding="utf-8").split("<h3>Do next</h3>")[1]
     assert card.split("</ol>")[0].startswith('<p class="again"><b>Runs to repeat:</b> none. All runs are usable.</p>')
-    assert "<b>Check it.</b><span>Wheel FR is late; expected one clock. Until then wait.</span>" in card
+    assert "<b>Check it; until then wait.</b><span>Wheel FR is late; expected one clock.</span>" in card
     assert '<li data-n="3"><b>At wheel FR: calibrate the driving torque' in card
     glance = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]
     assert glance["steps"][2]["what"].startswith("At wheel FR: calibrate the driving torque")
@@ -386,7 +386,7 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
 
 
 def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Path) -> None:
-    again = {"RL": "run-2; the reasons stand under Runs."}
+    again = {"RL": "run-2; the reasons stand in the report under Runs."}
 
     def drive_again(inputs: ReportInputs) -> str:
         return again.get(" ".join(inputs.vehicle.wheel_ids), "none. All runs are usable.")

@@ -58,7 +58,7 @@ _OPTIONS = (
 _PATIENCE_S = 180
 
 SCHEMA, SCHEMA_OF_A_VEHICLE = "wheelsoil/report/2", "wheelsoil/vehicle/1"
-"""A cell of a table that is a number."""
+"""What `numbers` holds, and of which version: of a report, and of a vehicle's page."""
 
 _log = logging.getLogger(__name__)
 

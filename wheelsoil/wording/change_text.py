@@ -40,8 +40,7 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
     for when in {change.undiagnosed for change in changes} - {""}:
         summary += f" Not diagnosed {when}: causes are not compared."
-    name = last.name if last.name.startswith(last.kind) else f"{last.kind} {last.name}"
-    summary += f" Last time: {', '.join(filter(None, (last.title, _when(last))))} ({name})."
+    summary += f" Last time: {', '.join(filter(None, (last.title, _when(last))))} ({last.kind} {last.name})."
     return of_the_same(summary, of_another_thing(last, subject))
 
 
