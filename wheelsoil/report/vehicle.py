@@ -166,7 +166,10 @@ def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tu
     findings = dict.fromkeys(
         map(_finding, sorted(found.values(), key=lambda each: _VERDICTS.index(each.verdict if each else "")))
     )
-    parts = [f"{listed([name for name, each in found.items() if _finding(each) == said])}: {said}" for said in findings]
+    parts = [
+        f"{listed([name for name, each in found.items() if _finding(each) == finding])}: {finding}"
+        for finding in findings
+    ]
     return f"{'; '.join(parts)}.", []
 
 
