@@ -51,7 +51,7 @@ def four(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def processed(four: Path) -> dict[str, Processed]:
-    opened = Files().runs_of_wheels([four], left_out=lambda _: None)
+    opened = Files().runs_of_wheels([four], set_aside=lambda _: None)
     return {wheel: process_runs(runs, ProcessOptions(purpose=LOOK)) for wheel, runs in opened.items()}
 
 
@@ -250,7 +250,7 @@ def test_a_quantity_that_is_not_there_is_no_figure() -> None:
 
 
 def test_wheels_without_a_common_sample_are_no_vehicle(four: Path) -> None:
-    opened = Files().runs_of_wheels([four], left_out=lambda _: None)
+    opened = Files().runs_of_wheels([four], set_aside=lambda _: None)
     processed = {wheel: process_runs(opened[wheel], ProcessOptions(purpose=LOOK)) for wheel in ("FL", "RL")}
     [first, second] = processed["RL"]
     with pytest.raises(DataError, match="at no time are the samples of all wheels used"):
