@@ -55,6 +55,7 @@ from .formatting import number as number
 from .formatting import table_lines as table_lines
 from .formatting import without_powers as without_powers
 from .host_clock import UncertainTimestamps as UncertainTimestamps
+from .limits import EARLIEST_DATE_NS as EARLIEST_DATE_NS
 from .machine import check_logging as check_logging
 from .machine import limit_memory as limit_memory
 from .machine import machine_memory_bytes as machine_memory_bytes

@@ -66,6 +66,8 @@ def seen(campaign: str = "clay", runs: tuple[str, ...] = ("run-1", "run-2"), sam
         runs=runs,
         run=np.repeat(np.arange(len(runs)), samples),
         time_s=time_s,
+        since_first_run_s=time_s + np.repeat(600.0 * np.arange(len(runs)), samples),
+        campaign_time=np.linspace(-0.5, 0.5, n),
         slip=slip,
         ground_speed_mps=2.0 + 0.5 * np.sin(0.2 * time_s),
         vertical_load_n=load,

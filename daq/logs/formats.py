@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Self
@@ -128,7 +128,7 @@ def open_log(path: Path, columns: FrameColumns | None = None) -> tuple[io.Buffer
             what = (isinstance(file.raw, Gunzip) and file.raw.damage) or "the log is empty"
             raise RecordingError.of(what, path, next_step="copy it again, or record it again")
         known = (
-            LogFormat("CSV", (".csv",), partial(read_frame_table, columns=columns))
+            replace(_CSV, read=partial(read_frame_table, columns=columns))
             if columns is not None
             else chosen_format(path, head)
         )

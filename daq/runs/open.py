@@ -269,7 +269,7 @@ def open_runs(
                 with readable(path):
                     aside = [_skipped(file, known, failure) for file, failure in unreadable]
                     if whole:
-                        by_name = {Path(one).resolve() for one in paths}
+                        by_name = {Path(each).resolve() for each in paths}
                         aside += _overlooked(path, known, found, files, by_name, listed=given.runs is None)
                 for run in aside:
                     left_out(run)

@@ -316,7 +316,7 @@ class Run:
                 for reference in references.values()
                 if reference.message in by_topic
             )
-            yield unstretched({one.name: one for one in channels}, self.vehicle.series, series.report)
+            yield unstretched({channel.name: channel for channel in channels}, self.vehicle.series, series.report)
 
     def reading_notes(self, frames: Iterator[FrameBatch] | None = None) -> list[Note]:
         """Return notes on what a reading of a log or of series lost, and what it read in one of two ways.

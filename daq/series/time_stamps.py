@@ -263,14 +263,14 @@ def unstretched(channels: dict[str, Channel], layout: SeriesSection, report: Ser
 
     [series] of vehicle.toml decides where it states a unit.
     """
-    for one in channels.values() if report.stamp_s and not layout.time_unit else ():
-        time_s = one.time_ns[np.isfinite(one.values)] / 1e9
+    for channel in channels.values() if report.stamp_s and not layout.time_unit else ():
+        time_s = channel.time_ns[np.isfinite(channel.values)] / 1e9
         step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
-        if one.name in _OF_WHEEL and step_s > _SLOWEST_STEP_S and time_s[-1] - time_s[0] > _LONG_S:
+        if channel.name in _OF_WHEEL and step_s > _SLOWEST_STEP_S and time_s[-1] - time_s[0] > _LONG_S:
             unit, _ = min(_SMALLER, key=lambda of: abs(np.log(step_s / report.stamp_s * of[1] / _USUAL_STEP_S)))
             raise TimeUnitError.of(
                 "the unit of time seems to be another one",
-                found=f"{one.name} every {step_s:.4g} s for {(time_s[-1] - time_s[0]) / 3600:.3g} h",
+                found=f"{channel.name} every {step_s:.4g} s for {(time_s[-1] - time_s[0]) / 3600:.3g} h",
                 expected="0.5 Hz or more",
                 next_step=f'write time_unit = "{unit}" under [series] of vehicle.toml; if it is right, state it there',
             )

@@ -15,7 +15,7 @@ from model.wheel_soil.conditions import REFERENCE_INFLATION_KPA, USUAL_OUTBOARD_
 from model.wheel_soil.dual import Number, value_of, where
 from processing import ProcessedRun
 
-_LEAST_FIXES = 20
+_LEAST_SAMPLES = 20
 _LEAST_LENGTH_M = 5.0
 LEAST_SPEED_MPS = 0.05  # of the ground at another moment
 
@@ -156,7 +156,7 @@ def _starts_by_position(
 ) -> tuple[list[float] | None, tuple[Note, ...]]:
     """Return where on the line each run starts, m, from its fixes; None where they do not tell."""
     fixed = [np.isfinite(run.latitude_deg) & np.isfinite(run.longitude_deg) for run in runs]
-    if not runs or any(np.count_nonzero(seen) < _LEAST_FIXES for seen in fixed):
+    if not runs or any(np.count_nonzero(seen) < _LEAST_SAMPLES for seen in fixed):
         return None, (Note(DiagnosisCode.NO_POSITIONS),)
     east, north = _plane(runs)
     points = np.concatenate([np.column_stack([e[s], n[s]]) for e, n, s in zip(east, north, fixed, strict=True)])
@@ -236,7 +236,7 @@ def body_pitch(run: ProcessedRun) -> FloatArray:
     line = np.column_stack([np.ones(len(run)), run.distance_m])
     basis = np.column_stack([line, run.ground_acceleration_mps2])
     known = run.used & np.isfinite(pitch) & np.isfinite(basis).all(axis=1)
-    if np.count_nonzero(known) < _LEAST_FIXES:
+    if np.count_nonzero(known) < _LEAST_SAMPLES:
         return np.full(len(run), np.nan)
     found = np.linalg.lstsq(basis[known], pitch[known], rcond=None)[0]
     return np.asarray(pitch - line @ found[:2])

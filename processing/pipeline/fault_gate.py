@@ -151,7 +151,7 @@ class FaultGate:
                 rows[role] = rows[role][self._without_marks(role, ordered)]
             if len(rows[role]):
                 series[role] = (channels[role].time_ns[rows[role]], channels[role].values[rows[role]])
-        early = {role: one for role, one in series.items() if role != "ground_speed" or not self._flagged}
+        early = {role: samples for role, samples in series.items() if role != "ground_speed" or not self._flagged}
         for role, bad in spikes(early, self._radius_m).items():
             self._note(role, FaultKind.SPIKE, series[role], bad)
             rows[role], series[role] = rows[role][~bad], (series[role][0][~bad], series[role][1][~bad])

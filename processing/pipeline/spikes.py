@@ -34,7 +34,7 @@ _SHOCK_S, _AT_ONCE_NS = 0.1, 10_000_000
 
 def spikes(series: Mapping[str, Series], radius_m: float) -> dict[str, BoolArray]:
     """Find the spikes of each channel, shape (n,); none of them is empty."""
-    jumps = {role: _jumps(role, one, radius_m) for role, one in series.items()}
+    jumps = {role: _jumps(role, samples, radius_m) for role, samples in series.items()}
     found = {role: jump > 0 for role, jump in jumps.items()}
     for role in (name for name in TRANSDUCER_ROLES if name in series and found[name].any()):
         others = [series[name][0][jumps[name] > 0] for name in TRANSDUCER_ROLES if name in series and name != role]

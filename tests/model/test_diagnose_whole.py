@@ -82,6 +82,9 @@ def test_slip_sinkage_is_named_with_its_size(digging: Campaign) -> None:
     assert found.sets[0].causes == ("slip_sinkage",)
     assert {"linearise", "whitening", "bagging", "held_out", "final"} <= set(found.stages_s)
     [seen] = found.plot_data
+    began = np.array([run.start_ns - digging.runs[0].start_ns for run in digging.runs]) * 1e-9
+    np.testing.assert_allclose(seen.since_first_run_s, began[seen.run] + seen.time_s, rtol=1e-9)
+    assert np.corrcoef(seen.since_first_run_s, seen.campaign_time)[0, 1] > 0.999
     for channel in ("dp", "t"):  # medians: near zero slip the measured slip's own error is larger than any cause
         better = np.nanmedian(np.abs(seen.measured[channel] - seen.extended[channel]))
         assert better < 0.8 * np.nanmedian(np.abs(seen.measured[channel] - seen.base[channel]))

@@ -17,7 +17,6 @@ from model.diagnosis.time_series.columns import Columns, columns_of
 from model.diagnosis.time_series.hyper import (
     LONGEST,
     MOST,
-    OF_FEW,
     Block,
     Objective,
     Piece,
@@ -119,7 +118,7 @@ def test_hyper_parameters_are_found_again(seen: tuple[Samples, Linear, Columns])
             residual = root @ rng.standard_normal(len(root))
             drawn.append(replace(block, columns=np.concatenate([residual[:, None], block.columns[:, 1:]], axis=1)))
         found = estimated(drawn, prior)
-        likeliest = {n: x * np.exp(-(found.log_sigmas[n] ** 2) * n.endswith(OF_FEW)) for n, x in found.values.items()}
+        likeliest = {n: x * np.exp(-(found.log_sigmas[n] ** 2) * prior[n].of_few) for n, x in found.values.items()}
         off += [np.log(likeliest[name] / truth[name]) / found.log_sigmas[name] for name in names]
         sharp = [name for name in names if found.log_sigmas[name] < 0.5 * prior[name].log_sigma]
         assert len(sharp) >= 5, sharp

@@ -11,13 +11,13 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from diagnosis_samples import SENTENCES, diagnosis, seen
+from diagnosis_samples import SENTENCES, cause, diagnosis, seen
 from report_support import cells_of
 
 from daq import Fault, Note, VehicleConfig
 from daq.runs import open_runs
 from model import DiagnosisCode, LackCode
-from model.diagnosis import Candidate, Diagnosis, Kind, PlotData, Shape, SoilEstimate, WheelOrders
+from model.diagnosis import Candidate, Diagnosis, Kind, ParameterEstimate, PlotData, Shape, SoilEstimate, WheelOrders
 from model.diagnosis.core.result import BarredCause
 from processing import ProcessOptions, RunCode
 from wheelsoil.report import Drawing, Plane, Report, build_report
@@ -233,6 +233,35 @@ def test_several_campaigns_are_a_choice(plain_material):
                 assert all(set(figure.groups) == {"clay", "sand"} for figure in block.figures)
 
 
+@pytest.mark.parametrize(("campaigns", "runs"), [(("clay",), ("track: 1", "track: 2")), (("clay", "sand"), ("1", "2"))])
+def test_a_drift_is_drawn_over_the_starts_of_its_own_runs(plain_material, campaigns, runs):
+    data = [seen(campaign, runs) for campaign in campaigns]
+    data = [replace(each, signatures={"zero_drift": {"dp": 90.0 * each.campaign_time}}) for each in data]
+    drift = cause(
+        "zero_drift",
+        "zero_drift",
+        "",
+        0.99,
+        ParameterEstimate("campaign_span_n", "N", 90.0, (80.0, 100.0), 5.0),
+    )
+    found = replace(diagnosis(), causes=(drift,), plot_data=tuple(data))
+    [line, _] = built(plain_material, found).numbers()["drawings"]["hero"]["curves"]
+    assert min(line["x"]) < 0.4 and max(line["x"]) > 10.0  # min: the second run begins after 600 s
+    assert np.corrcoef(line["x"], line["y"])[0, 1] > 0.95 and np.ptp(line["y"]) > 40.0
+
+
+def test_a_run_of_several_campaigns_shows_its_own_recommended_model(plain_material):
+    names = [run.run.id for run in plain_material.runs]
+    found = replace(diagnosis(), plot_data=(seen("clay", (names[0],)), seen("sand", (names[1],))))
+    recommendation = replace(plain_material, diagnosed=found).recommendation
+    assert [int(recommendation.of_run(name).sum()) for name in names] == [120, 120]
+    driving, *_ = figures(built(plain_material, found), "slip")
+    shown = [
+        group for trace, group in zip(driving.data, driving.groups, strict=True) if trace.get("name") == "recommended"
+    ]
+    assert shown == ["all runs", *names]
+
+
 def test_what_cannot_be_shown_is_said(plain_material):
     unexplained = built(plain_material, diagnosis("unexplained"))
     assert "No cause of the library" in text(unexplained, "evidence")
@@ -368,6 +397,8 @@ def of_a_table(plain_material, slip: np.ndarray, load_n: np.ndarray) -> tuple[Pl
         runs=("3", "5"),
         run=np.array([0, 0, 0, 1, 1, 1]),
         time_s=np.arange(6.0),
+        since_first_run_s=nothing,
+        campaign_time=nothing,
         slip=slip,
         ground_speed_mps=nothing,
         vertical_load_n=load_n,

@@ -40,7 +40,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def processed(folder: Path, vehicle: Path | None = None) -> dict[str, Processed]:
-    opened = Files(vehicle=vehicle).runs_of_wheels([folder], left_out=lambda _: None)
+    opened = Files(vehicle=vehicle).runs_of_wheels([folder], set_aside=lambda _: None)
     return {wheel: process_runs(runs, ProcessOptions(purpose=LOOK)) for wheel, runs in opened.items()}
 
 

@@ -51,7 +51,7 @@ def four(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def processed(four: Path) -> dict[str, Processed]:
-    opened = Files().runs_of_wheels([four], left_out=lambda _: None)
+    opened = Files().runs_of_wheels([four], set_aside=lambda _: None)
     return {wheel: process_runs(runs, ProcessOptions(purpose=LOOK)) for wheel, runs in opened.items()}
 
 
@@ -250,7 +250,7 @@ def test_a_quantity_that_is_not_there_is_no_figure() -> None:
 
 
 def test_wheels_without_a_common_sample_are_no_vehicle(four: Path) -> None:
-    opened = Files().runs_of_wheels([four], left_out=lambda _: None)
+    opened = Files().runs_of_wheels([four], set_aside=lambda _: None)
     processed = {wheel: process_runs(opened[wheel], ProcessOptions(purpose=LOOK)) for wheel in ("FL", "RL")}
     [first, second] = processed["RL"]
     with pytest.raises(DataError, match="at no time are the samples of all wheels used"):
@@ -367,7 +367,7 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
     assert re.search("all wheels together +Torque gain of wheel FR", result.out)
     card = (tmp_path / "r.html").read_text(encoding="utf-8").split("<h3>Do next</h3>")[1]
     assert card.split("</ol>")[0].startswith('<p class="again"><b>Runs to repeat:</b> none. All runs are usable.</p>')
-    assert "<b>Check it.</b><span>Wheel FR is late; expected one clock. Until then wait.</span>" in card
+    assert "<b>Check it; until then wait.</b><span>Wheel FR is late; expected one clock.</span>" in card
     assert '<li data-n="3"><b>At wheel FR: calibrate the driving torque' in card
     glance = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["sections"]["glance"]
     assert glance["steps"][2]["what"].startswith("At wheel FR: calibrate the driving torque")
@@ -386,7 +386,7 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
 
 
 def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Path) -> None:
-    again = {"RL": "run-2; the reasons stand under Runs."}
+    again = {"RL": "run-2; the reasons stand in the report under Runs."}
 
     def drive_again(inputs: ReportInputs) -> str:
         return again.get(" ".join(inputs.vehicle.wheel_ids), "none. All runs are usable.")

@@ -609,7 +609,7 @@ def test_rut_readings_are_of_the_wheel_that_they_name(two: Path, tmp_path: Path)
     reading = "[[run.rut]]\ndepth_m = 0.05\nsigma_m = 0.005\ntime_s = 8.0\n"
     (tmp_path / "runs.toml").write_text(f'{text}\n{reading}wheel = "RL"\n', encoding="utf-8")
     files = Files(runs=tmp_path / "runs.toml")
-    opened = files.runs_of_wheels([two], left_out=lambda _: None)
+    opened = files.runs_of_wheels([two], set_aside=lambda _: None)
     assert {wheel: len(run.info.rut) for wheel, [run] in opened.items()} == {"FL": 0, "RL": 1}
     (tmp_path / "runs.toml").write_text(f"{text}\n{reading}", encoding="utf-8")
     result = invoke("process", two, "--runs", tmp_path / "runs.toml")

@@ -128,9 +128,16 @@ def diagnose_command(
             show = partial(_show, alone, {"": VehicleConfig(wheel=read[0].wheel_section)}, verbose)
             alone.each(lambda _: _diagnose(benches, settings, output, show, force=force))
         return
-    one = options.one_file(vehicle)
+    vehicle_file = options.one_file(vehicle)
     files = Files(
-        one, terrain, runs_file, zero, soil, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+        vehicle_file,
+        terrain,
+        runs_file,
+        zero,
+        soil,
+        lenient_dbc=lenient_dbc,
+        accept_implausible=accept_implausible,
+        wheel=wheel,
     )
     if plan:
         target = check_output(output, force=force) if output else None

@@ -82,9 +82,9 @@ def report_command(
         choices = by_hand.fit_choices(models_of_wheels(model, [""])[""])
         report = report_of_tables(benches, choices, diagnose=diagnose)
     else:
-        one = options.one_file(vehicle)
+        vehicle_file = options.one_file(vehicle)
         files = Files(
-            one,
+            vehicle_file,
             terrain,
             runs_file,
             zero,

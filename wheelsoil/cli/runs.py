@@ -332,9 +332,14 @@ def sinkage_command(
 
         of_table.each(show)
         return
-    one = options.one_file(vehicle)
+    vehicle_file = options.one_file(vehicle)
     files = Files(
-        one, runs=runs_file, zero=zero, lenient_dbc=lenient_dbc, accept_implausible=accept_implausible, wheel=wheel
+        vehicle_file,
+        runs=runs_file,
+        zero=zero,
+        lenient_dbc=lenient_dbc,
+        accept_implausible=accept_implausible,
+        wheel=wheel,
     )
     by_hand = options.chosen(context)
     unreadable: list[SetAsideRun] = []

@@ -58,7 +58,7 @@ _OPTIONS = (
 _PATIENCE_S = 180
 
 SCHEMA, SCHEMA_OF_A_VEHICLE = "wheelsoil/report/2", "wheelsoil/vehicle/1"
-"""A cell of a table that is a number."""
+"""What `numbers` holds, and of which version: of a report, and of a vehicle's page."""
 
 _log = logging.getLogger(__name__)
 
@@ -305,9 +305,9 @@ def _change_of(sections: Sequence[Section]) -> tuple[str, tuple[str, str, str]]:
     found = next((section.numbers for section in sections if section.key == "against" and section.numbers), None)
     if found is None:
         return "", (question, "Not known: no earlier report was given (report FOLDER --against LAST).", "")
-    said, other = found["differing"], found["another_thing"]
-    whole = of_the_same(f"{upper(said)}." if said else "Nothing beyond the intervals.", other)
-    lead = f"{f'{upper(other)}. Since then' if other else 'Since last time'}: {said}." if said else ""
+    change, other = found["differing"], found["another_thing"]
+    whole = of_the_same(f"{upper(change)}." if change else "Nothing beyond the intervals.", other)
+    lead = f"{f'{upper(other)}. Since then' if other else 'Since last time'}: {change}." if change else ""
     return lead, (question, whole, "#against")
 
 

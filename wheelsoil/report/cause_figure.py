@@ -90,7 +90,7 @@ def cause_figure(inputs: ReportInputs, recommendation: Recommendation, channel: 
     effect = EFFECTS.get(cause.key, Effect)
     if not effect.abscissa or not cause.parameters:
         return None
-    view, samples = _VIEWS[effect.abscissa], _samples_of(inputs, recommendation, found)
+    view, samples = _VIEWS[effect.abscissa], _samples_of(recommendation, found)
     in_reading = effect.kind == "measurement" and {"drawbar_pull", "driving_torque"}.issuperset(effect.shows)
     if view.own is None or not in_reading:
         left = recommendation.residual(channel, base=True)
@@ -201,22 +201,15 @@ def shares_of(found: Diagnosis, cause: Cause, channels: Container[str]) -> dict[
     return {channel: float(np.sqrt(np.mean(of))) for channel, of in known.items() if len(of)}
 
 
-def _samples_of(inputs: ReportInputs, recommendation: Recommendation, found: Diagnosis) -> _Samples:
-    starts = {run.run.id: run.start_ns * 1e-9 for run in inputs.runs}
-    first = min(starts.values(), default=0.0)
-    began = np.array([starts.get(name.rsplit(": ", 1)[-1], first) - first for name in recommendation.runs])
-    seconds = began[recommendation.run] + recommendation.time_s
-    span = max(
-        (starts[run.run.id] - first + float(run.time_s[-1]) for run in inputs.runs if len(run.time_s)), default=0
-    )
+def _samples_of(recommendation: Recommendation, found: Diagnosis) -> _Samples:
     speed = np.concatenate([seen.ground_speed_mps for seen in found.plot_data])
     rim = speed / np.maximum(np.asarray(speed_ratio(recommendation.slip), np.float64), 1e-3)
     return _Samples(
         slip=recommendation.slip,
         load_n=recommendation.vertical_load_n,
         speed_mps=speed,
-        day_min=seconds / 60.0,
-        clock=seconds / span - 0.5 if span > 0 else 0.0 * seconds,
+        day_min=np.concatenate([seen.since_first_run_s for seen in found.plot_data]) / 60.0,
+        clock=np.concatenate([seen.campaign_time for seen in found.plot_data]),
         acceleration_mps2=_rate(speed, recommendation),
         rim_acceleration_mps2=_rate(rim, recommendation),
     )

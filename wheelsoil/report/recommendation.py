@@ -16,10 +16,10 @@ from wheelsoil.report.figures import EDGES, Bins, binned, matched, style
 from wheelsoil.wording.names import CALIBRATED, LABORATORY, page_unit, plain_name
 from wheelsoil.wording.numbers import number, signed
 from wheelsoil.wording.verdict import model_title
+from wheelsoil.workflows.key_figures import Z95
 
 _SAME_SIDE, _LEAST_BINS, _HALF_NOISE = 0.8, 5, 0.5
 _LEAST_SAMPLES, _FEWEST_SAMPLES = 10, 4
-_Z95 = 1.96
 _ERROR_OF_MEDIAN, _QUARTILES_APART = 1.25, 1.349
 """Standard error of a median, in sigmas by the root of n; distance of a normal distribution's quartiles, in sigmas."""
 _LEAST_FOR_SLOPE, _LITTLE = 50, 0.02
@@ -66,9 +66,9 @@ class Recommendation:
 
     `title` is what the model is called (`wheelsoil.wording.verdict.model_title`), `name` and `base_name` are it and the
     one beside it in words; with `is_base` nothing better than the base is known, and there is one model. `main_channel`
-    is that of the cause's figure; `run` indexes `runs`. Channels have arrays of shape (n,); `noise` is one sigma of a
-    measured sample about the base, NaN where nobody estimated it. `adequate`: a diagnosis, which knows the error of the
-    slip, finds no more than noise about the model.
+    is that of the cause's figure; `run` indexes `runs`, the ids. Channels have arrays of shape (n,); `noise` is one
+    sigma of a measured sample about the base, NaN where nobody estimated it. `adequate`: a diagnosis, which knows the
+    error of the slip, finds no more than noise about the model.
     """
 
     title: str
@@ -86,6 +86,10 @@ class Recommendation:
     recommended: Mapping[str, FloatArray]
     noise: Mapping[str, FloatArray]
     adequate: bool = False
+
+    def of_run(self, name: str) -> BoolArray:
+        """Return which samples are of a run."""
+        return np.isin(self.run, [i for i, known in enumerate(self.runs) if known == name])
 
     def residual(self, channel: str, *, base: bool = False) -> FloatArray:
         """Return measured - predicted, shape (n,), of the recommended model or of the baseline."""
@@ -128,12 +132,11 @@ def recommended_causes(found: Diagnosis) -> tuple[Cause, ...]:
 
 def of_diagnosis(found: Diagnosis) -> Recommendation:
     """Return what a diagnosis with samples recommends: the extended model, or the baseline where no cause is likely."""
-    several = len(found.plot_data) > 1
     runs: list[str] = []
     number, pieces = [], found.plot_data
     for piece in pieces:
         number.append(piece.run + len(runs))
-        runs += [f"{piece.campaign}: {name}" if several else name for name in piece.runs]
+        runs += piece.runs
     channels = [c for c in OUTPUTS if any(c in piece.base for piece in pieces)]
 
     def joined(name: str) -> dict[str, FloatArray]:
@@ -268,7 +271,7 @@ def slips_of_rows(recommendation: Recommendation) -> tuple[float, float]:
 
 def rows_check(recommendation: Recommendation, channel: str) -> tuple[bool, str]:
     """Return whether the rows of tables scatter about the model as they should, and how many are beyond 95 %."""
-    left, half = recommendation.residual(channel), _Z95 * recommendation.noise[channel]
+    left, half = recommendation.residual(channel), Z95 * recommendation.noise[channel]
     known = np.isfinite(left) & np.isfinite(half)
     beyond, rows = int((np.abs(left) > half)[known].sum()), int(known.sum())
     factor, unit = page_unit(channel)

@@ -166,7 +166,10 @@ def verdict_of_all(joint: Diagnosis | None, wheels: Sequence[WheelReport]) -> tu
     findings = dict.fromkeys(
         map(_finding, sorted(found.values(), key=lambda each: _VERDICTS.index(each.verdict if each else "")))
     )
-    parts = [f"{listed([name for name, each in found.items() if _finding(each) == said])}: {said}" for said in findings]
+    parts = [
+        f"{listed([name for name, each in found.items() if _finding(each) == finding])}: {finding}"
+        for finding in findings
+    ]
     return f"{'; '.join(parts)}.", []
 
 
@@ -245,11 +248,7 @@ def _summary(
 
 def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport], doubts: Sequence[Fault]) -> list[Step]:
     """Return every doubt to remove, then the next steps of all wheels together, each with the lines of its wheel."""
-    steps = [
-        Step(f"{upper(what)}.", f"{upper(doubt.what)}; expected {doubt.expected}.{f' {upper(then)}.' if then else ''}")
-        for doubt in doubts
-        for what, _, then in [doubt.next_step.partition("; ")]
-    ]
+    steps = [Step(f"{upper(doubt.next_step)}.", f"{upper(doubt.what)}; expected {doubt.expected}.") for doubt in doubts]
     if joint is not None:
         configs = {wheel.wheel: wheel.processed[0][0].vehicle for wheel in wheels if wheel.processed}
         steps += next_steps(joint, next(iter(configs.values()), VehicleConfig()), configs) or [step_of(joint)]
@@ -259,7 +258,7 @@ def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport], doubts: Seque
 def _again(wheels: Sequence[WheelReport]) -> str:
     """Return which runs to drive again by the wheels' own reports; without names where all say the same."""
     cards = {
-        wheel.wheel: block.again.replace("under Runs", "in its report")
+        wheel.wheel: block.again
         for wheel in wheels
         if wheel.report
         for block in wheel.report.sections[0].blocks

@@ -350,7 +350,7 @@ def open_campaigns(paths: Sequence[Path], files: Files) -> tuple[list[ViewedCamp
     if len(loose_groups) > 1:
         for group in loose_groups:
             of_wheel = replace(files, wheel=wheel_id(group[0].run) or files.wheel)
-            alone = of_wheel.open_runs([viewed.run.path for viewed in group], left_out=lambda _: None)
+            alone = of_wheel.open_runs([viewed.run.path for viewed in group], set_aside=lambda _: None)
             for viewed, run in zip(group, alone, strict=True):
                 viewed.run = run
     campaigns = [

@@ -33,15 +33,14 @@ def change_summary(last: LastReport, changes: Sequence[Change], subject: Mapping
         for change in changes
     )
     rest = judged - len(beyond)
-    if said := differing(changes):
-        summary = f"{upper(said)}."
+    if differences := differing(changes):
+        summary = f"{upper(differences)}."
         summary += f" The other {rest} quantities with an interval do not differ beyond it." if rest > 1 else ""
     else:
         summary = f"Nothing differs beyond the intervals ({rest} quantities with an interval)."
     for when in {change.undiagnosed for change in changes} - {""}:
         summary += f" Not diagnosed {when}: causes are not compared."
-    name = last.name if last.name.startswith(last.kind) else f"{last.kind} {last.name}"
-    summary += f" Last time: {', '.join(filter(None, (last.title, _when(last))))} ({name})."
+    summary += f" Last time: {', '.join(filter(None, (last.title, _when(last))))} ({last.kind} {last.name})."
     return of_the_same(summary, of_another_thing(last, subject))
 
 
@@ -62,9 +61,9 @@ def of_another_thing(last: LastReport, subject: Mapping[str, str]) -> str:
 
 def differing(changes: Sequence[Change]) -> str:
     """Return what differs beyond the intervals, as it reads within a sentence; empty where nothing does."""
-    said = list(_sentences([_as_pages_write(change) for change in changes if change.beyond]))
-    more = [f"{len(said) - _MOST_SAID} more (see the table)"] if len(said) > _MOST_SAID else []
-    return listed(said[:_MOST_SAID] + more)
+    sentences = list(_sentences([_as_pages_write(change) for change in changes if change.beyond]))
+    more = [f"{len(sentences) - _MOST_SAID} more (see the table)"] if len(sentences) > _MOST_SAID else []
+    return listed(sentences[:_MOST_SAID] + more)
 
 
 def _when(last: LastReport) -> str:

@@ -173,8 +173,8 @@ def rival_words(families: Sequence[str], chances: Mapping[str, float]) -> list[s
         for is_open in (True, False)
     )
     verb = "has a similar signature, but is" if len(closed) == 1 else "have similar signatures, but are"
-    said = {"would fit almost as well": open_, f"{verb} separable in these data": closed}
-    return [f"{upper(listed(names))} {what}" for what, names in said.items() if names]
+    names_by_text = {"would fit almost as well": open_, f"{verb} separable in these data": closed}
+    return [f"{upper(listed(names))} {what}" for what, names in names_by_text.items() if names]
 
 
 def form_statements(grounds: Grounds) -> list[Statement]:

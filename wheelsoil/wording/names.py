@@ -198,20 +198,18 @@ def stretches(names: Collection[str], order: Sequence[str], most: int = 5) -> st
 
     Names as "run-1" are "runs 1 to 3".
     """
-    if len(names) > 1 and all(name.startswith(_RUN) and name[len(_RUN) :].isdigit() for name in order):
-        numbers = [name.removeprefix(_RUN) for name in order]
-        text = stretches([name.removeprefix(_RUN) for name in names], numbers, most)
-        return text if text.endswith(" runs") else f"runs {text}"
+    numbered = len(names) > 1 and all(name.startswith(_RUN) and name[len(_RUN) :].isdigit() for name in order)
+    shown = [name.removeprefix(_RUN) for name in order] if numbered else order
     parts: list[list[str]] = []
     before = -1
     for place in sorted(order.index(name) for name in names):
         if place == before + 1 and parts:
-            parts[-1].append(order[place])
+            parts[-1].append(shown[place])
         else:
-            parts.append([order[place]])
+            parts.append([shown[place]])
         before = place
     texts = [text for part in parts for text in ([f"{part[0]} to {part[-1]}"] if len(part) > 2 else part)]
-    return listed(texts) if len(texts) <= most else f"{len(names)} runs"
+    return f"{'runs ' if numbered else ''}{listed(texts)}" if len(texts) <= most else f"{len(names)} runs"
 
 
 def upper(text: str) -> str:

@@ -10,8 +10,8 @@ from wheelsoil.fleet import Change, NamedError, day_of
 from wheelsoil.wording.change_text import size_sentence
 from wheelsoil.wording.grounds_text import verdict_words
 from wheelsoil.wording.names import SOIL_LETTERS, chance, plain_name
+from wheelsoil.workflows.key_figures import Z95
 
-_Z95 = 1.96
 _MONTHS = 12
 _LIKELY = 0.5
 _NAMED = 6
@@ -40,7 +40,7 @@ def _findings(passport: Passport) -> Iterator[str]:
         weighed = ((each.effect, each.probability) for each in passport.candidates)
         yield verdict_words("nothing_detectable", {"none": 1.0 - passport.wrong, **dict(weighed)})
         for effect, trend in list(passport.trends.items())[:1]:
-            yield f"its {plain_name(effect)} is known to {_size(_Z95 * trend.at[1], trend)}"
+            yield f"its {plain_name(effect)} is known to {_size(Z95 * trend.at[1], trend)}"
     if passport.shared and passport.shared[0].probability > _LIKELY:
         name, percent = plain_name(passport.shared[0].effect), 100 * passport.shared[0].probability
         yield f"all campaigns share what is not the transducer's: {name} ({percent:.0f} %)"
@@ -71,7 +71,7 @@ def trend_lines(passport: Passport) -> Iterator[str]:
 
 
 def _interval(value: float, sigma: float, trend: Trend, per: str = "") -> str:
-    low, high = value - _Z95 * sigma, value + _Z95 * sigma
+    low, high = value - Z95 * sigma, value + Z95 * sigma
     return f"{_size(value, trend)}{per} ({_size(low, trend)} to {_size(high, trend)})"
 
 

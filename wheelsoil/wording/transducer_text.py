@@ -22,8 +22,8 @@ def transducer_words(found: Diagnosis, faults: Mapping[str, Sequence[str]] | Non
         return ["The transducer is not judged: nothing else is decided of these runs."]
     used = {OUTPUTS[channel].role for data in found.plot_data for channel in data.base}
     roles = [role for role in TRANSDUCER_ROLES if ROLES[role].use is Use.INPUT or role in used]
-    said = {role: [*_of_channel(found, role), *(faults or {}).get(role, ())] for role in roles}
-    return [f"{upper(ROLES[role].name)}: {'; '.join(texts)}." for role, texts in said.items()]
+    texts_by_role = {role: [*_of_channel(found, role), *(faults or {}).get(role, ())] for role in roles}
+    return [f"{upper(ROLES[role].name)}: {'; '.join(texts)}." for role, texts in texts_by_role.items()]
 
 
 def _of_channel(found: Diagnosis, role: str) -> Iterator[str]:
@@ -51,15 +51,15 @@ def _of_channel(found: Diagnosis, role: str) -> Iterator[str]:
     shown = {name: size for name, size in detectable_by_family(found).items() if parted(name)[0] in own}
     weighed = [name for name in (*chances, *found.not_identifiable) if parted(name)[0] in own]
     hidden = [name for name in dict.fromkeys(weighed) if name in found.not_identifiable or name not in shown]
-    said = {*named, *doubtful}
-    hidden = [name for name in hidden if name not in said]
-    seen = [f"{plain_name(n)} from {_size(d)} on" for n, d in shown.items() if n not in hidden and n not in said]
+    suspected = {*named, *doubtful}
+    hidden = [name for name in hidden if name not in suspected]
+    seen = [f"{plain_name(n)} from {_size(d)} on" for n, d in shown.items() if n not in hidden and n not in suspected]
     if seen:
         yield f"{listed(seen)} would show"
     if hidden:
         rows = "rows" if found.grounds.table_channels else "runs"
         yield f"these {rows} do not show {listed([plain_name(name) for name in hidden])}"
-    if open_ones := [with_chance(n, p) for n, p in chances.items() if p >= OPEN_AT and n not in (*said, *hidden)]:
+    if open_ones := [with_chance(n, p) for n, p in chances.items() if p >= OPEN_AT and n not in (*suspected, *hidden)]:
         yield f"not excluded: {listed(open_ones)}"
 
 

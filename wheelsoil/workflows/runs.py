@@ -105,7 +105,7 @@ class Files:
     accept_implausible: bool = False
     wheel: str | None = None
 
-    def open_runs(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
+    def open_runs(self, paths: Sequence[Path], set_aside: SetAside) -> list[Run]:
         """Open runs of one wheel with these files in place of their own; see `daq.runs.open_runs`.
 
         Raises
@@ -113,9 +113,9 @@ class Files:
         ConfigError
             Also where the vehicle has several wheels, and `wheel` names none of them.
         """
-        return one_wheel(self._open(paths, left_out), self.wheel)
+        return one_wheel(self._open(paths, set_aside), self.wheel)
 
-    def each_run(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
+    def each_run(self, paths: Sequence[Path], set_aside: SetAside) -> list[Run]:
         """Open runs, each once for every wheel of its vehicle, or for `wheel` alone.
 
         Raises
@@ -124,7 +124,7 @@ class Files:
             As `open_runs`; also where one zero file is given for several wheels.
         """
         collected, found = Collected(), list[Run]()
-        for run in self._open(paths, left_out):
+        for run in self._open(paths, set_aside):
             with collected.catch():
                 found += run.by_wheel().values() if self.wheel is None else one_wheel([run], self.wheel)
         collected.stop_if_any()
@@ -138,7 +138,7 @@ class Files:
             )
         return found
 
-    def runs_of_wheels(self, paths: Sequence[Path], left_out: SetAside) -> dict[str, list[Run]]:
+    def runs_of_wheels(self, paths: Sequence[Path], set_aside: SetAside) -> dict[str, list[Run]]:
         """Open the runs of each wheel, or of `wheel` alone, by its id; a single ``[wheel]`` without an id has none.
 
         Raises
@@ -148,7 +148,7 @@ class Files:
         """
         by_wheel: dict[str, list[Run]] = {}
         by_run: dict[str, list[str]] = {}
-        for run in self.each_run(paths, left_out):
+        for run in self.each_run(paths, set_aside):
             by_wheel.setdefault(wheel_id(run), []).append(run)
             by_run.setdefault(run.id, []).append(wheel_id(run))
         if any(len(runs) < len(by_run) for runs in by_wheel.values()):
@@ -160,7 +160,7 @@ class Files:
             )
         return by_wheel
 
-    def _open(self, paths: Sequence[Path], left_out: SetAside) -> list[Run]:
+    def _open(self, paths: Sequence[Path], set_aside: SetAside) -> list[Run]:
         self._say_misspelt(paths)
         opened = open_runs(
             paths,
@@ -168,7 +168,7 @@ class Files:
             terrain=self.terrain,
             runs=self.runs,
             lenient_dbc=self.lenient_dbc,
-            left_out=left_out,
+            left_out=set_aside,
         )
         inside = {folder for path in paths if path.is_dir() for folder in folders_in(path)[0]}
         others = sorted(folder.name for folder in inside - {run.path.parent for run in opened})

@@ -253,11 +253,11 @@ Shared = Sequence[tuple[ProcessedRun, IntArray, ProcessedRun, IntArray]]
 def _shared_rows(first: Processed, second: Processed) -> Shared:
     """Return the runs that two wheels have, with the rows at the times that both have."""
     others, found = {run.id: done for run, done in second}, []
-    for run, one in first:
+    for run, this in first:
         if (other := others.get(run.id)) is not None:
-            shift = round((other.start_ns - one.start_ns) * 1e-9 * one.rate_hz)
-            rows = np.arange(max(0, shift), min(len(one), len(other) + shift))
-            found.append((one, rows, other, rows - shift))
+            shift = round((other.start_ns - this.start_ns) * 1e-9 * this.rate_hz)
+            rows = np.arange(max(0, shift), min(len(this), len(other) + shift))
+            found.append((this, rows, other, rows - shift))
     return found
 
 
@@ -273,8 +273,8 @@ def _lateness(role: str, first: str, name: str, shared: Shared) -> Fault | None:
     what, change = _TIMED[role]
     reach, rate = round(_LATEST_S * shared[0][0].rate_hz), shared[0][0].rate_hz
     products, powers = np.zeros(2 * reach + 1), np.zeros(2)
-    for one, rows, other, there in shared:
-        a, b = np.nan_to_num(change(one)[rows]), np.nan_to_num(change(other)[there])
+    for this, rows, other, there in shared:
+        a, b = np.nan_to_num(change(this)[rows]), np.nan_to_num(change(other)[there])
         if len(a) > 2 * reach:
             products += np.correlate(b, a[reach:-reach], "valid")
             powers += [float(a @ a), float(b @ b)]
@@ -294,11 +294,11 @@ def _lateness(role: str, first: str, name: str, shared: Shared) -> Fault | None:
 def _exchanged(pair: tuple[str, str], shared: Shared) -> Fault | None:
     """Return that the yaw rate contradicts which of two wheels of an axle is the left one."""
     turned, slower = [np.zeros(0)], [np.zeros(0)]
-    for one, rows, other, there in shared:
-        if (yaw := one.extras.get("yaw_rate_radps")) is not None:
-            both = one.used[rows] & other.used[there] & (np.abs(yaw[rows]) > _TURNING_RADPS)
+    for this, rows, other, there in shared:
+        if (yaw := this.extras.get("yaw_rate_radps")) is not None:
+            both = this.used[rows] & other.used[there] & (np.abs(yaw[rows]) > _TURNING_RADPS)
             turned.append(yaw[rows][both])
-            slower.append((other.wheel_speed_radps[there] - one.wheel_speed_radps[rows])[both])
+            slower.append((other.wheel_speed_radps[there] - this.wheel_speed_radps[rows])[both])
     curve, behind = np.concatenate(turned), np.concatenate(slower)
     if len(curve) < _FEWEST_TURNING or np.corrcoef(curve, behind)[0, 1] > -_TOGETHER_TURNING:
         return None

@@ -35,6 +35,8 @@ class PlotData:
     ----------
     runs : tuple of str
         Names; ``run`` indexes them.
+    since_first_run_s, campaign_time : array
+        Since the first run of the campaign began; the campaign's clock from -1/2 to 1/2. NaN for rows of tables.
     measured, base, extended : mapping channel -> array
         What was measured; what the simulation says with its re-calibrated soil; what the extended model says.
     base_sigma : mapping channel -> array
@@ -54,6 +56,8 @@ class PlotData:
     runs: tuple[str, ...]
     run: IndexArray
     time_s: FloatArray
+    since_first_run_s: FloatArray
+    campaign_time: FloatArray
     slip: FloatArray
     ground_speed_mps: FloatArray
     vertical_load_n: FloatArray

@@ -59,7 +59,7 @@ def _plot_data(
 ) -> PlotData:
     data = linearised.campaigns[index]
     samples, at = data.samples, data.samples.conditions
-    channels = data.linear.channels
+    channels, starts_ns = data.linear.channels, np.array([run.start_ns for run in data.campaign.runs])
     without = _predicted(base, index)
     of_noise = variance(data.linear, samples, data.noise.values, data.speed_variance)
     fitted = {key: _predicted(fit, index) for key, fit in alone.items() if key in shown}
@@ -69,6 +69,8 @@ def _plot_data(
         runs=samples.run_names,
         run=samples.run,
         time_s=samples.time_s,
+        since_first_run_s=1e-9 * (starts_ns - starts_ns.min())[samples.run] + samples.time_s,
+        campaign_time=np.asarray(at.campaign_time),
         slip=np.asarray(at.slip),
         ground_speed_mps=np.asarray(at.ground_speed_mps),
         vertical_load_n=np.asarray(at.vertical_load_n),

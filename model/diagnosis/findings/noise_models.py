@@ -7,16 +7,17 @@ unlisted acts is weighed over several models where it is in doubt, each by its p
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from math import exp
 
 import numpy as np
 
+from daq import REACTIONS
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.joining import joined, part_of
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
-from model.diagnosis.time_series.noise import Noise, hyper_priors
+from model.diagnosis.time_series.noise import Noise, hyper_priors, named
 from model.diagnosis.time_series.start import CampaignData
 
 MARGIN = 1.5
@@ -29,8 +30,8 @@ _SPEED = ("speed_noise_mps", "speed_white_mps")
 _IN_RUN = ("stiffness_in_run", "friction_in_run")
 STEP = 1.5
 """One-sigmas of the logarithm of each deviation from the most probable model to those around it."""
-_DIRECTIONS = (("_slow_noise_n", "_slow_noise_nm"), _IN_RUN)
-"""Ends of the names of deviations that grow or fall together."""
+_DIRECTIONS = ([named(channel, "slow_noise") for channel in REACTIONS], _IN_RUN)
+"""Deviations that grow or fall together."""
 
 
 def plausible_grams(linearised: LinearisedCampaign) -> Grams:
@@ -45,16 +46,16 @@ def grams_around(linearised: LinearisedCampaign) -> Iterator[tuple[Grams, float]
     """
     at_centre = [data.noise for data in linearised.campaigns]
     models = [at_centre]
-    for ends in _DIRECTIONS:
-        models += [[_moved(noise, ends, step) for noise in at_centre] for step in (STEP, -STEP)]
+    for names in _DIRECTIONS:
+        models += [[_moved(noise, names, step) for noise in at_centre] for step in (STEP, -STEP)]
     for model in models:
         noises = [_plausible(data, noise) for data, noise in zip(linearised.campaigns, model, strict=True)]
         log_prior = sum(_log_prior(data, noise) for data, noise in zip(linearised.campaigns, noises, strict=True))
         yield _grams(linearised, noises), log_prior
 
 
-def _moved(noise: Noise, ends: tuple[str, ...], step: float) -> Noise:
-    own = [name for name in noise.log_sigmas if name.endswith(ends)]
+def _moved(noise: Noise, names: Collection[str], step: float) -> Noise:
+    own = [name for name in noise.log_sigmas if name in names]
     return replace(noise, values=noise.values | {n: noise.values[n] * exp(step * noise.log_sigmas[n]) for n in own})
 
 

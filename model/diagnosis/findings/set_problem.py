@@ -196,11 +196,11 @@ class SetProblem:
         of = [self.parts[i].of_campaign(values[i], columns[i]) for i in group]
         width = 1 + self.size
         turns = [turn_of(columns[i].causes, self.parts[i].soil, self.causes, len(self.soil), width) for i in group]
-        one = of[0]
+        first = of[0]
         alone = len(group) == 1
-        rows = whitened_rows(*one.whitening) if alone else vehicle_rows(of, turns)
+        rows = whitened_rows(*first.whitening) if alone else vehicle_rows(of, turns)
         for whitened, _ in rows:
-            own = _without_constants(whitened, one.columns.shared if alone else 1 + len(x))
+            own = _without_constants(whitened, first.columns.shared if alone else 1 + len(x))
             out = -(own @ turns[0] if alone else own)
             out[..., 0] = out[..., 1:] @ x - out[..., 0]
             found += list(out)

@@ -57,6 +57,8 @@ def plot_data_of(weighing: Weighing, chosen: Weighed, keys: Sequence[str]) -> tu
                 runs=table.rows.names,
                 run=table.rows.run,
                 time_s=table.rows.time_s,
+                since_first_run_s=nothing,
+                campaign_time=nothing,
                 slip=table.rows.slip,
                 ground_speed_mps=nothing,
                 vertical_load_n=table.rows.vertical_load_n,

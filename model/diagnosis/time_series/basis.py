@@ -252,7 +252,7 @@ def basis(
         columns[..., column] = error.columns
         heights[column] = error.height
     unit = [amplitude_of(samples, channel) for channel in channels]
-    squares = (np.vdot(of, of) / one**2 for of, one in zip(columns, unit, strict=True))
+    squares = (np.vdot(of, of) / amplitude**2 for of, amplitude in zip(columns, unit, strict=True))
     together = float(sum(squares)) / linear.value.size
     form = np.full(width, FORM_ERROR / AMPLITUDE / np.sqrt(together) if together > 0 else 0.0)
     for shape, x in formulas:

@@ -271,14 +271,6 @@ class _Covariance:
         np.add.at(found, self._of_process[there], by_process[there])
 
 
-OF_FEW = (
-    *("_run_to_run", "_at_rest_n", "_at_rest_nm", "_standing_n", "_standing_nm"),
-    *("_of_run_n", "_of_run_nm", "_of_run_m"),
-)
-"""Ends of the names of deviations that are estimated from as few values as there are runs or standstills.
-
-Their estimate is the posterior root mean square, not the mode, which would underestimate what differs between runs.
-"""
 _MOST_STEPS = 12
 _LARGEST_STEP = 1.0
 _ENOUGH = 0.05
@@ -299,7 +291,7 @@ class Objective:
 def estimated(
     blocks: Sequence[Block], hyper_priors: Mapping[str, HyperPrior], start: Mapping[str, float] | None = None
 ) -> Noise:
-    """Return the most probable hyper-parameters; of those in `OF_FEW` the root mean square.
+    """Return the most probable hyper-parameters; of those of few values the root mean square.
 
     By default it starts at the priors' centres; there is one of every hyper-parameter.
     """
@@ -323,7 +315,7 @@ def estimated(
             else:
                 damping = max(4.0 * damping, 0.5)
     log_sigmas = np.sqrt(np.diag(np.linalg.inv(information)))
-    of_few = np.array([name.endswith(OF_FEW) for name in names])
+    of_few = np.array([hyper_priors[name].of_few for name in names])
     values = np.exp(at + np.where(of_few, log_sigmas**2, 0.0))
     return Noise(
         {name: float(x) for name, x in zip(names, values, strict=True)},

@@ -457,7 +457,7 @@ def linearise_campaigns(
         ]
     choose = _choice(options.most_causes)
     found = [_from_first(starts, causes, choose, clock) for causes in first_causes(starts)]
-    tried = [one.chosen_sets for one in found]
+    tried = [each.chosen_sets for each in found]
     found = [most_probable(found)]
     if cleaned := without_outliers(found[0].starts, found[0].campaigns, found[0].grams, found[0].best):
         found = [_again(replace(found.pop(), starts=cleaned), choose, clock)]

@@ -159,8 +159,8 @@ def _recommended(
     if inputs.diagnosed is None or recommendation.is_base or channel not in recommendation.measured:
         return []
     rows = ((recommendation.slip > 0) == driving) & np.isfinite(recommendation.measured[channel])
-    if choice in recommendation.runs:
-        rows &= recommendation.run == recommendation.runs.index(choice)
+    if choice != ALL_RUNS:
+        rows &= recommendation.of_run(choice)
     values = recommendation.residual(channel) if of_errors else recommendation.recommended[channel]
     curve = binned(recommendation.slip[rows], values[rows], EDGES)
     drawn = line(curve.centre, curve.median, recommendation.title.lower(), RECOMMENDED, "solid", 3.0)

@@ -183,14 +183,10 @@ def _lines(inputs: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace
 
 def _recommended(inputs: ReportInputs, run: ProcessedRun, quantity: str) -> list[Trace]:
     """Return what the recommended model predicts for a run, where a diagnosis recommends more than calibrated soil."""
-    if (
-        inputs.diagnosed is None
-        or (recommendation := inputs.recommendation).is_base
-        or run.run.id not in recommendation.runs
-    ):
+    if inputs.diagnosed is None or (recommendation := inputs.recommendation).is_base:
         return []
     channel = next((c for c in recommendation.recommended if OUTPUTS[c].field == quantity), "")
-    rows = np.flatnonzero(recommendation.run == recommendation.runs.index(run.run.id))
+    rows = np.flatnonzero(recommendation.of_run(run.run.id))
     if not channel or not len(rows):
         return []
     rows = rows[np.argsort(recommendation.time_s[rows], kind="stable")]

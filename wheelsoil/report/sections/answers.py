@@ -69,8 +69,8 @@ def answers(inputs: ReportInputs) -> Contents:
 def _wrong(found: Diagnosis) -> str:
     """Return the headline, and what each of its causes is."""
     causes = () if several_terrains(found) else found.causes[:_MOST_CAUSES]
-    said = ((c.name, EFFECTS.get(c.key, Effect).summary) for c in causes)
-    return " ".join([headline_of(found), *(f"{upper(plain_name(name))}: {text}" for name, text in said if text)])
+    meanings = ((c.name, EFFECTS.get(c.key, Effect).summary) for c in causes)
+    return " ".join([headline_of(found), *(f"{upper(plain_name(name))}: {text}" for name, text in meanings if text)])
 
 
 def _sure(found: Diagnosis) -> str:
@@ -153,9 +153,9 @@ def _cost(inputs: ReportInputs) -> str:
     if found.verdict == "named":
         highest = highest_slip_of(inputs.fitted) if inputs.runs else ends_of_slip(inputs)[1]
         whole = cost_of_verdict(found, driving, wheel, soil, reading, highest_slip=highest)
-        said = _at_the_ends(whole.costs)
+        cost_text = _at_the_ends(whole.costs)
         error = " It is an error of the reading." if {cause.kind for cause in found.causes} == {"measurement"} else ""
-        return f"{driving_text(whole.driving)}, {said}.{error}" if said else cost_meaning(whole)
+        return f"{driving_text(whole.driving)}, {cost_text}.{error}" if cost_text else cost_meaning(whole)
     texts = []
     for cause in found.causes[:_MOST_CAUSES]:
         costs, _ = costs_of([cause], wheel, soil, found.soils[0], driving, reading)

@@ -36,7 +36,9 @@ def candidates(inputs: ReportInputs) -> Contents:
         rows = [[share.name, f"{share.percent:.1f} %"] for share in set_shares(found.sets)]
         blocks.append(Table("Causes that act together", ["set of causes, and no others", "probability"], rows))
     if found.causes:
-        meant = [f"{upper(plain_name(cause.name))}: {said}" for cause in found.causes if (said := meaning(cause.key))]
+        meant = [
+            f"{upper(plain_name(cause.name))}: {sentence}" for cause in found.causes if (sentence := meaning(cause.key))
+        ]
         blocks += [_table(found), *map(Text, dict.fromkeys(meant))]
     blocks += _adequacy(found)
     for heading, texts in not_named(found.not_identifiable, found.minimum_detectable).items():

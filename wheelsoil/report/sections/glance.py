@@ -8,7 +8,7 @@ from math import isfinite
 
 import numpy as np
 
-from daq import OUTPUTS, BoolArray, DataError, FloatArray
+from daq import EARLIEST_DATE_NS, OUTPUTS, BoolArray, DataError, FloatArray
 from model.diagnosis import Diagnosis, Scores
 from wheelsoil.report.cause_figure import cause_figure, driven_slips, residual_figure, shares_of
 from wheelsoil.report.content import MOST_STEPS, Contents, Drawing, Steps, Text, Tile, Tiles, section
@@ -420,20 +420,20 @@ def runs_again(inputs: ReportInputs) -> str:
     poor = [*(run.run for run in set_aside if run.drive_again), *inputs.poor]
     others = [run.run for run in set_aside if not run.drive_again]
     if not poor and others:
-        return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand under Runs."
+        return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand in the report under Runs."
     if not poor and inputs.several_terrains is not None:
         groups = groups_of_runs(inputs.diagnosis)
         apart = f": {groups.second} are not of the soil of {groups.first}" if groups else ""
         return f"none. Each run is usable, but not all together{apart}."
     if not poor and inputs.to_check:
         to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
-        runs = _few(to_check, f"{len(to_check)} runs; the reasons stand under Runs")
+        runs = _few(to_check, f"{len(to_check)} runs; the reasons stand in the report under Runs")
         return f"{'none' if count > 1 else 'no'}. Check {runs}."
     if not poor and (groups := groups_of_runs(inputs.diagnosed)):
         return f"none is broken, but {groups.first} ask for another soil than {groups.second}."
     if not poor:
         return "none. All runs are usable." if count > 1 else "no. The run is usable."
-    return f"{_few(poor, f'{len(poor)} of {count + len(set_aside)} runs')}; the reasons stand under Runs."
+    return f"{_few(poor, f'{len(poor)} of {count + len(set_aside)} runs')}; the reasons stand in the report under Runs."
 
 
 def _few(runs: list[str], many: str) -> str:
@@ -497,7 +497,7 @@ def _place(inputs: ReportInputs) -> str:
 
 
 def _dates(starts_ns: list[int]) -> str:
-    dated = [datetime.fromtimestamp(start / 1e9, UTC) for start in starts_ns if start > 631_152_000 * 10**9]
+    dated = [datetime.fromtimestamp(start / 1e9, UTC) for start in starts_ns if start > EARLIEST_DATE_NS]
     if not dated:
         return "date unknown"
     first, last = min(dated), max(dated)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import OUTPUTS, ROLES, DataError, FloatArray
+from daq import EARLIEST_DATE_NS, OUTPUTS, ROLES, DataError, FloatArray
 from daq.runs import SetAsideRun
 from model import DiagnosisCode
 from model.diagnosis import Cause, Diagnosis
@@ -76,8 +76,8 @@ from wheelsoil.workflows.key_figures import (
 from wheelsoil.workflows.traction import PullAtSlip, Traction, traction_of
 
 _MOST_CAUSES, _MOST_RUNS = 6, 40
-_OTHER_SOIL, _ITS_SOIL = "▲ other soil", "not of the soil of the first runs: see Do next"
-_DECISIONS = {"good": "✓ go", "fair": "▲ go, check", "poor": "✕ drive again"}
+_OTHER_SOIL, _ITS_SOIL = ("▲", "other soil"), "not of the soil of the first runs: see Do next"
+_DECISIONS = {"good": ("✓", "go"), "fair": ("▲", "go, check"), "poor": ("✕", "drive again")}
 _SIGNED = ("cohesion_pa", "cohesive_modulus")
 """Parameters of a soil that may be 0 or less; see `model.bevameter.joint.POSITIVE`."""
 _SHORT = {LABORATORY: "Laboratory soil", CALIBRATED: "Calibrated soil"}
@@ -401,16 +401,15 @@ def runs(inputs: ReportInputs) -> Contents:
     note, rows, numbers = inputs.several_terrains, [], {}
     others = note.values.get("groups", ((), ()))[1] if note is not None else ()
     for run, grade in zip(inputs.runs, inputs.grades, strict=True):
-        decision = _OTHER_SOIL if run.run.id in others else _DECISIONS[grade.level]
+        sign, decision = _OTHER_SOIL if run.run.id in others else _DECISIONS[grade.level]
         traction = traction_of((run,))
         load = run.vertical_load_n[np.isfinite(run.vertical_load_n)]
-        start = (
-            f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if run.start_ns > 631_152_000 * 10**9 else None
-        )
+        dated = run.start_ns > EARLIEST_DATE_NS
+        start = f"{datetime.fromtimestamp(run.start_ns / 1e9, UTC):%H:%M}" if dated else None
         rows.append(
             [
                 run.run.id,
-                decision,
+                f"{sign} {decision}",
                 start or "–",
                 f"{np.median(load) / 1e3:.1f}" if len(load) else "–",
                 f"{grade.highest_slip:.2f}" if isfinite(grade.highest_slip) else "–",
@@ -425,7 +424,7 @@ def runs(inputs: ReportInputs) -> Contents:
             "load_n": float(np.median(load)) if len(load) else None,
             "highest_slip": grade.highest_slip,
             "usable_share": grade.usable_share,
-            "decision": decision[2:],
+            "decision": decision,
             "reasons": grade.reasons,
             "traction": traction,
         }
