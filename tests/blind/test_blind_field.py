@@ -26,7 +26,7 @@ from processing.pipeline import process
 from wheelsoil.workflows import process_runs
 
 HERE = Path(__file__).parent
-_MEETS_THE_ENGINE = ("advice", "engine", "growth", "wheels", "wheels_truth", "study", "tables")
+_MEETS_THE_ENGINE = ("advice", "engine", "growth", "hindsight", "wheels", "wheels_truth", "study", "tables")
 SHORT = World(runs=2, duration_s=15.0)
 """One run out and one back: what is asked of every run of the study, at an eighth of its price."""
 

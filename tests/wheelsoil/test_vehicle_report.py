@@ -408,7 +408,7 @@ def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Pat
     assert numbers["wheels"][3]["headline"] == "No report: no DBC has a signal 'WFT_Moments.Mq'."
     assert "instrumented wheels FL, FR and RL" in page.read_text(encoding="utf-8")
     assert "3 of 4 wheels diagnosed" in page.read_text(encoding="utf-8")
-    drive = "FL and FR: none. All runs are usable. RL: run-2; the reasons stand in its report."
+    drive = "FL and FR: none. All runs are usable. RL: run-2; the reasons stand in the report under Runs."
     assert drive in numbers["texts"]["glance"]
 
 

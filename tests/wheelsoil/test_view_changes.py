@@ -62,7 +62,7 @@ def test_what_changed_since_the_last_report_is_said_as_in_the_report(tmp_path: P
     assert told["says"].startswith(
         "Slip sinkage, H is 0.0510 m and was not among the causes last time and tan φ of the soil went"
     )
-    assert told["says"].endswith("Last time: made 2026-05-04 (report.json).")
+    assert told["says"].endswith("Last time: made 2026-05-04 (report report.json).")
     assert [row[0] for row in told["rows"][:2]] == ["slip sinkage, H", "tan φ of the soil"]
     assert told["rows"][1][1:] == ["0.310 ± 0.020", "0.220 ± 0.020", "−0.090", "yes", ""]
 
