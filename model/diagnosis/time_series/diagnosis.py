@@ -200,6 +200,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
                 not_identifiable=linearised.not_identifiable,
                 name_at=options.name_at,
                 adequate=judged.listed,
+                barred=verdict.barred,
             )
         onward = _onward(linearised, verdict, found, explained, confounded, ahead, on_request=options.next_run)
     with clock.stage("proposal"):
