@@ -153,6 +153,7 @@ class StepCode(StrEnum):
     """torque_nm"""
     HARD_GROUND = "hard_ground"
     """duration_s"""
+    REPEAT_STATIC = "repeat_static"
     TABLE = "table"
     """load_factor: 1 where the loads stay; channels: to be measured too"""
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gram_support import column
+from short_campaign import driven, noise_of
 
 from daq import FloatArray
+from model.diagnosis import DiagnosisOptions, diagnose
 from model.diagnosis.core.hypotheses import Posterior, probabilities
 from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
 from model.diagnosis.time_series.columns import Grams
 from model.diagnosis.time_series.evidence import hypotheses, log_evidences, without_soil
 from model.diagnosis.time_series.linearise import SENSORS, SoilSpace
-from model.wheel_soil import SOIL_PARAMETERS
+from model.wheel_soil import SOIL_PARAMETERS, prior_of
 
 RUNS, SAMPLES, SOILS = 6, 200, len(SOIL_PARAMETERS)
 SPACE = SoilSpace(
@@ -84,3 +88,15 @@ def test_what_looks_like_a_parameter_of_the_soil_is_said_to_be_it_instead() -> N
         for one in instead:
             assert (one.family, one.soil.parameter) == ("second", "tan_phi")
             assert one.soil.sigmas == pytest.approx(off + 4.0 * coefficient, abs=0.5)
+
+
+def test_an_angle_that_is_too_high_is_said_beside_the_friction_that_is_not_named() -> None:
+    campaign = driven(soil="sandy")
+    high = replace(campaign.soil, friction_angle_rad=1.3 * campaign.soil.friction_angle_rad)
+    found = diagnose(
+        [replace(campaign, soil=high, soil_prior=prior_of(high))],
+        DiagnosisOptions(effects=("interface_friction", "slope"), name_at=1.0 - 1e-12),  # no cause reaches that
+        [noise_of(campaign)],
+    )
+    [instead] = found.grounds.soil_instead
+    assert (found.verdict, instead.family, instead.soil.parameter) == ("one_of", "interface_friction", "tan_phi")

@@ -59,6 +59,7 @@ def test_a_run_that_parts_look_alikes_gives_the_name_and_one_like_the_others_doe
     _, columns, residual, more = look_alikes(0)
     assert chance_of(columns, residual, columns[:1], StepCode.LIKE_OTHERS) < 0.2
     assert chance_of(columns, residual, more, StepCode.SINKAGE) > 0.8
+    assert chance_of(columns, residual, more, StepCode.SINKAGE, barred=Note(LackCode.NO_BETTER)) is None
 
 
 @pytest.mark.parametrize(("apart", "enough"), [(0.0, True), (0.3, False)])

@@ -14,15 +14,16 @@ from firm_road import DRAG_NM, road
 from short_campaign import driven, looked, noise_of
 
 from daq import ConfigError, DataError, RunsConfig, StaticTest, parse_mapping
-from model import DiagnosisCode, LackCode
+from model import DiagnosisCode, LackCode, StepCode
 from model.diagnosis import Campaign, Diagnosis, DiagnosisOptions, OfVehicle, coasted, diagnose, samples_of
 from model.diagnosis.findings.agreement import static_disputes
-from model.diagnosis.planning.static_tests import hard_ground
+from model.diagnosis.planning.static_tests import hard_ground, static_tests
 from model.diagnosis.time_series.evidence import estimate
 from model.diagnosis.time_series.standstills import corrected_zeros
 from processing.processed_run import AppliedZero
 from wheelsoil.cache import nothing_kept
 from wheelsoil.wording.notes import note_text
+from wheelsoil.wording.verdict import sentence_of
 from wheelsoil.workflows import diagnose_campaigns
 
 
@@ -136,6 +137,8 @@ def test_no_cause_is_named_against_a_static_test() -> None:
     assert wrong.grounds.barred.code == LackCode.AGAINST_STATIC and wrong.grounds.barred.values["sigmas"] > 4.0
     [dispute] = [note for note in wrong.grounds.cautions if note.code == DiagnosisCode.STATIC_CONTRADICTS]
     assert dispute.values.get("agree") == ("drawbar_pull_gain",)
+    assert {(run.naming_chance, run.naming_barred) for run in wrong.next_run} == {(None, "against_static")}
+    assert (wrong.next_run[0].step.code, "cannot be foreseen" in sentence_of(wrong)) == (StepCode.REPEAT_STATIC, True)
 
 
 @pytest.mark.parametrize(("spin", "contradicts"), [(5.45, True), (6.37, False)])
@@ -163,6 +166,9 @@ def test_a_static_zero_says_nothing_beside_the_zero_file_of_the_same_event() -> 
     reading = StaticTest(test="lifted", driving_torque_nm=12.3, driving_torque_sigma_nm=0.5)
     both = replace(lifted(campaign), static=(reading,))
     assert len(samples_of(both).rests) == 1
+    for tests in ((reading,), (reading, StaticTest(test="lifted", drawbar_pull_n=5.0, drawbar_pull_sigma_n=1.0))):
+        seen = samples_of(replace(lifted(campaign), static=tests))
+        assert (StepCode.LIFTED_ZERO in [step.code for step, _ in static_tests(seen, seen.rests)]) == (len(tests) < 2)
     alone = samples_of(replace(lifted(campaign, 0.0), static=(reading,))).rests
     assert alone.measured["t"].tolist() == [12.3]
 

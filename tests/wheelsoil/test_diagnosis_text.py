@@ -557,7 +557,10 @@ def test_the_laboratory_is_named_where_it_does_not_hold_and_where_it_may_stand_f
     found = replace(diagnosis("named"), grounds=Grounds(refuted_soil=(off,), soil_instead=(instead,)))
     text = sentence_of(found)
     assert "The laboratory's soil does not hold here: tan φ is 5.2 sigma below (97.0 %) its value." in text
-    assert "whose k_φ is 4.8 sigma too low would explain these runs in place of slip sinkage (30.0 %)" in text
+    assert (
+        "whose k_φ is 4.8 sigma too low would explain these runs in place of slip sinkage, with a probability of 30.0 %"
+        in text
+    )
     assert diagnosis_json(found)["laboratory"] == {
         "refuted": [vars(off)],
         "in_place_of": [{"family": "slip_sinkage", **vars(instead.soil)}],

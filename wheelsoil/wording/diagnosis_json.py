@@ -75,6 +75,7 @@ def next_run_json(run: NextRun) -> dict[str, Any]:
         "expected_log_bayes_factor": run.expected_log_bayes_factor,
         "cost_runs": run.cost_runs,
         "naming_chance": run.naming_chance,
+        **({"naming_barred": str(run.naming_barred)} if run.naming_barred else {}),
     }
 
 

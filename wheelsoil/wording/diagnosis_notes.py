@@ -216,6 +216,7 @@ STEP_KEYS: dict[str, str] = {
     StepCode.KNOWN_PULL: "[[static]] in runs.toml",
     StepCode.KNOWN_TORQUE: "[[static]] in runs.toml",
     StepCode.LIFTED_ZERO: "zero_file in vehicle.toml, by the command zero",
+    StepCode.REPEAT_STATIC: "[[static]] in runs.toml",
     StepCode.HARD_GROUND: 'ground = "firm" under its [[run]] in runs.toml',
 }
 """Key of a file under which the result of a step is written."""
@@ -242,6 +243,7 @@ SENTENCES: dict[str, Sentence] = {
         f"a known torque on the lifted wheel: about {v['torque_nm'] / 1e3:.2g} kN m, by lever and weight"
     ),
     StepCode.HARD_GROUND: "coasting on hard ground for {duration_s:.0f} s, speeding up and slowing down",
+    StepCode.REPEAT_STATIC: "the static test that the runs contradict, once more",
     StepCode.TABLE: _tests,
     LackCode.INPUT_UNKNOWN: lambda v: (
         f"{' and '.join(_CONDITIONS.get(name, name) for name in v['conditions'])} is not known everywhere"

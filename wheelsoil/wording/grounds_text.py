@@ -103,13 +103,14 @@ def prior_words(found: Diagnosis) -> list[Statement]:
 
 
 def instead_words(found: Diagnosis) -> list[Statement]:
-    """Return what the laboratory may have wrong in place of a named cause; empty where nothing is."""
+    """Return what the laboratory may have wrong in place of a cause; empty where nothing is."""
     return sentences(
         [
-            f"A laboratory whose {SOIL_LETTERS[rival.soil.parameter]} is {abs(rival.soil.sigmas):.1f} sigma "
-            f"{'too low' if rival.soil.sigmas > 0 else 'too high'} would explain these runs in place of "
-            f"{with_chance(rival.family, rival.soil.probability)}"
-            for rival in found.grounds.soil_instead
+            f"A laboratory whose {SOIL_LETTERS[soil.parameter]} is {abs(soil.sigmas):.1f} sigma "
+            f"{'too low' if soil.sigmas > 0 else 'too high'} would explain these runs in place of "
+            f"{listed([plain_name(x.family) for x in found.grounds.soil_instead if x.soil == soil], 'or')}, with a "
+            f"probability of {chance(soil.probability)}"
+            for soil in dict.fromkeys(x.soil for x in found.grounds.soil_instead)
         ]
     )
 

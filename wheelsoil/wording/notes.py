@@ -64,9 +64,9 @@ def naming_text(run: NextRun) -> str:
 
 def worth_text(run: NextRun) -> str:
     """Return what a step gives (probability of the right name, expected odds) and what it costs."""
-    cost = f"costs {run.cost_runs:g} run{'' if run.cost_runs == 1 else 's'}"
-    name = [f"right name {probability}"] if (probability := naming_text(run)) else []
-    return ", ".join([*name, f"expected odds {odds_text(run.expected_log_bayes_factor)}", cost])
+    name, nats = naming_text(run), run.expected_log_bayes_factor
+    gives = (f"right name {name}" * bool(name), f"expected odds {odds_text(nats)}" * isfinite(nats))
+    return ", ".join(filter(None, (*gives, f"costs {run.cost_runs:g} run{'' if run.cost_runs == 1 else 's'}")))
 
 
 def texts_of(notes: Iterable[Note]) -> list[str]:

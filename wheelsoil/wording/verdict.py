@@ -472,6 +472,9 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     if barred is not None:
         rare = f", and {chance(chances[families[0]])} if it seldom does" if peak_bars(found) else ""
         statements.append(f"{upper(plain_name(families[0]))} is not named: {note_text(barred)}{rare}")
+        statements += [
+            "Whether a step changes that cannot be foreseen: no probability of the right name is stated"
+        ] * any(run.naming_barred for run in found.next_run)
     statements += rival_words([family for family in found.grounds.confounded if family not in families], chances)
     if found.next_run:
         alone = all(run.naming_chance is None for run in found.next_run) or any(run.decides for run in found.next_run)

@@ -200,7 +200,10 @@ class NextRun:
     campaign : str
         To which it belongs, where there are several.
     naming_chance : float or None
-        Probability that the right name is given after it; None where a name is not what is missing.
+        Probability that the right name is given after it; None where a name is not what is missing, or where a rule
+        bars it of which no step can be foreseen to lift it.
+    naming_barred : LackCode or ""
+        That rule.
     """
 
     step: Note
@@ -209,6 +212,7 @@ class NextRun:
     cost_runs: float = 1.0
     campaign: str = ""
     naming_chance: float | None = None
+    naming_barred: str = ""
 
     @property
     def decides(self) -> bool:
@@ -288,7 +292,7 @@ class Grounds:
     refuted_soil : tuple of RefutedSoil
         Of driven runs that are explained.
     soil_instead : tuple of SoilInstead
-        Of named causes.
+        Of named causes, or of those of which one acts.
     form_matters : Note or None
         Which verdicts half and twice an error of form that was assumed or given lead to, where they are others; or the
         error of form at which an unexplained table has an adequate explanation.

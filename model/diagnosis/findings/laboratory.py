@@ -37,8 +37,9 @@ PRIOR_PROBABILITY = 0.1
 """Probability, before any data, that it has one wrong; all parameters of all campaigns share it."""
 SAID_AT = 0.95
 """Probability from which on it is said."""
-INSTEAD_AT = 0.01
-"""Probability from which on it is said that the laboratory may have been wrong in place of a named cause."""
+INSTEAD_AT, ASKED_AT = 0.01, 0.05
+"""Probability from which on it is said that the laboratory may have been wrong in place of a cause; and that of a cause
+that is not named from which on this is asked."""
 
 
 @dataclass(frozen=True)
@@ -117,32 +118,41 @@ def _weighed(grams: Grams, keys: Keys, precision: FloatArray) -> tuple[float, Fl
 
 
 def soil_instead(
-    grams: Grams, spaces: Sequence[Place], found: Posterior, named: Keys, factor: float
+    grams: Grams,
+    spaces: Sequence[Place],
+    found: Posterior,
+    causes: Sequence[str],
+    factor: float,
+    named: Keys = (),
 ) -> tuple[SoilInstead, ...]:
-    """Return what the laboratory may have wrong in place of each named cause, where that is above `INSTEAD_AT`.
+    """Return what the laboratory may have wrong in place of each cause, where that is above `INSTEAD_AT`.
 
     Weighed by the data as they are, with the sets' own prior: the factor on the friction at the rim and the tangent of
-    the friction angle, for instance, are one number to the forces.
+    the friction angle, for instance, are one number to the forces. Beside the `named` causes; where there are none,
+    each is asked in the most probable set that holds it, and weighed against all sets.
     """
     listed = found.hypotheses
     log_weight = found.log_evidence + listed.log_prior
-    grams, whole = grams.scaled(1.0 / factor), listed.position(named)
-    asked = list(_wider(spaces, len(grams.soil)))
-    if whole is None or not asked:
+    grams, asked = grams.scaled(1.0 / factor), list(_wider(spaces, len(grams.soil)))
+    if not asked:
         return ()
     each, own = np.log(PRIOR_PROBABILITY / len(asked)), np.eye(len(grams.soil))
     instead = []
-    for key in named:
-        fewer = tuple(other for other in named if other != key)
-        if (place := listed.position(fewer)) is None:
+    for key in causes:
+        together = named or listed.keys_of(
+            max(np.flatnonzero(listed.has_effect[:, listed.effects.index(key)]).tolist(), key=log_weight.__getitem__)
+        )
+        fewer = tuple(other for other in together if other != key)
+        whole, place = listed.position(together), listed.position(fewer)
+        if whole is None or place is None:
             continue
         plain, _ = _weighed(grams, fewer, own)
         wider = [_weighed(grams, fewer, prior.precision) for prior in asked]
         others = [float(log_weight[place] + each + value - plain) for value, _ in wider]
-        chances = scipy.special.softmax([float(log_weight[whole]) + np.log1p(-PRIOR_PROBABILITY), *others])[1:]
+        against = float(log_weight[whole] if named else scipy.special.logsumexp(log_weight))
+        chances = scipy.special.softmax([against + np.log1p(-PRIOR_PROBABILITY), *others])[1:]
         best = int(np.argmax(chances))
-        if chances[best] > INSTEAD_AT:
-            chosen, size = asked[best], float(asked[best].in_sigmas @ wider[best][1])
-            refuted = RefutedSoil(chosen.campaign, chosen.parameter, float(chances[best]), size)
-            instead.append(SoilInstead(next(c.family for c in grams.causes if c.key == key), refuted))
-    return tuple(instead)
+        size = float(asked[best].in_sigmas @ wider[best][1])
+        refuted = RefutedSoil(asked[best].campaign, asked[best].parameter, float(chances[best]), size)
+        instead.append(SoilInstead(next(c.family for c in grams.causes if c.key == key), refuted))
+    return tuple(each for each in instead if each.soil.probability > INSTEAD_AT)

@@ -11,7 +11,7 @@ and the rule of `model.diagnosis.core.naming` is applied to the sum, as far as c
 averaged over runs drawn anew (a run to be driven is one of them; one that measures more than the others, and a static
 test, are in each), "none" by all runs,
 zeros that no standstill shows, the usual stress peak. Adequacy, convergence and the gain on held-out runs are taken as
-passed.
+passed. Where one of those rules bars a name today (`_NOT_FORESEEN`), no probability is given.
 """
 
 from __future__ import annotations
@@ -54,6 +54,19 @@ _SETTLES: Mapping[str, frozenset[StepCode]] = {
 """After which steps a family is identified that is not yet."""
 
 
+# Rules that bar a name today and of which cross products do not say whether they will after a step.
+_NOT_FORESEEN = frozenset(
+    {
+        LackCode.NO_BETTER,
+        LackCode.CHANNEL_WORSE,
+        LackCode.AGAINST_STATIC,
+        LackCode.PARTS_CANCEL,
+        LackCode.VALUE_AT_LIMIT,
+        LackCode.VALUE_MAY_BE_NEUTRAL,
+    }
+)
+
+
 @dataclass(frozen=True)
 class Outlook:
     """What is known, and what may be true.
@@ -76,6 +89,8 @@ class Outlook:
         Of soil and causes.
     noise : array, shape (draws, m - 1)
         z.
+    not_foreseen : LackCode or ""
+        The rule that bars a name today, where no step can be foreseen to lift it.
     """
 
     grams: Grams
@@ -91,14 +106,15 @@ class Outlook:
     name_at: float
     adequate: float
     measures_more: bool
+    not_foreseen: str
 
-    def chance(self, code: StepCode, added: FloatArray) -> float:
-        """Return the probability that a step ends in the right name.
+    def chance(self, code: StepCode, added: FloatArray) -> float | None:
+        """Return the probability that a step ends in the right name; None where that cannot be foreseen.
 
         `added`, shape (all columns, same), has the cross products of what the step adds.
         """
-        if len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
-            return 0.0
+        if self.not_foreseen or len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
+            return None if self.not_foreseen else 0.0
         drawn = int(code not in STATIC and not (code in _SENSORS and self.measures_more))
         measured = self._measured(added[np.ix_(self.kept, self.kept)] / self.excess)
         totals = self.totals[drawn] + self.times[drawn][:, None, None] * measured[:, None]
@@ -164,11 +180,12 @@ def outlook(
     not_identifiable: Mapping[str, Note] | None = None,
     name_at: float = 0.9,
     adequate: float = 1.0,
+    barred: Note | None = None,
 ) -> Outlook:
     """Draw what may be true, and the runs anew.
 
     `found` is averaged over resampled runs; `excess` is a factor on the noise's variance, `adequate` the probability
-    that nothing unlisted acts.
+    that nothing unlisted acts, `barred` why a family that is likely enough is not named today.
     """
     listed, chances = _likely(found)
     keys = {listed.effects[i] for i in listed.members[listed.members >= 0]} | set(usual_effects(grams))
@@ -197,6 +214,7 @@ def outlook(
         name_at=name_at,
         adequate=adequate,
         measures_more=len(np.unique(design[:, 0])) == 1,
+        not_foreseen=barred.code if barred is not None and barred.code in _NOT_FORESEEN else "",
     )
 
 

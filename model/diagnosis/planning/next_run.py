@@ -46,7 +46,7 @@ from model.diagnosis.time_series.noise import hyper_priors
 from model.diagnosis.time_series.samples import Samples
 from model.diagnosis.time_series.start import CampaignData
 from model.diagnosis.time_series.whitening import run_grams
-from model.notes import StepCode
+from model.notes import LackCode, StepCode
 
 MOST = 5
 COST_RUNS = {
@@ -60,6 +60,8 @@ COST_RUNS = {
 """Time that a step takes, in runs like the others, where it is not one; an estimate of ours: a wheel is lifted while a
 run is prepared, a winch or a lever is rigged in the time of two runs, hard ground is some way off, and reading a rut
 takes half a run beside the run that makes it."""
+# The step where the runs contradict a static test; what that will read is not foreseen.
+REPEAT = NextRun(Note(StepCode.REPEAT_STATIC), (), np.nan, 2.0, naming_barred=LackCode.AGAINST_STATIC)
 _BETTER = 1.05
 """Times what one more run like the others would give: less is no reason to drive another way."""
 
@@ -157,13 +159,26 @@ def next_runs(
         name = linearised.campaigns[candidate.campaign].campaign.name if several else ""
         code = StepCode(candidate.step.code)
         cost, chance = COST_RUNS.get(code, 1.0), ahead.chance(code, added) if ahead else None
-        ranked.append(NextRun(candidate.step, families, result.expected_log_bayes_factor, cost, name, chance))
+        ranked.append(
+            NextRun(
+                candidate.step,
+                families,
+                result.expected_log_bayes_factor,
+                cost,
+                name,
+                chance,
+                ahead.not_foreseen if ahead else "",
+            )
+        )
+    again = [REPEAT] if ahead is not None and ahead.not_foreseen == LackCode.AGAINST_STATIC else []
     plain = [run.expected_log_bayes_factor for run in ranked if run.step.code == StepCode.LIKE_OTHERS]
     least = max(_BETTER * max(plain, default=0.0), WORTH_SAYING)
     return tuple(
         run
-        for run in best_first(ranked)
-        if run.expected_log_bayes_factor > least or run.decides or run.step.code == StepCode.LIKE_OTHERS
+        for run in (*again, *best_first(ranked))
+        if run.expected_log_bayes_factor > least
+        or run.decides
+        or run.step.code in (StepCode.LIKE_OTHERS, StepCode.REPEAT_STATIC)
     )[:most]
 
 

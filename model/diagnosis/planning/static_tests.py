@@ -35,12 +35,15 @@ class Products(Protocol):
 
 
 def static_tests(run: Samples, rests: Standstills) -> Iterator[tuple[Note, Products]]:
-    """Yield what could be measured, and its cross products; no second coasting: it errs as the first does.
+    """Yield what could be measured, and its cross products.
+
+    No second coasting: it errs as the first does. No zeros of pull and torque that a lifted wheel has shown.
 
     Known forces are as large as what the run measured. `rests` are those of the campaign, with what was read without
     soil.
     """
-    yield Note(StepCode.LIFTED_ZERO), lifted_wheel
+    if any(np.isnan(rests.measured[c][rests.lifted & ~rests.tested]).all() for c in AT_REST if c in run.measured):
+        yield Note(StepCode.LIFTED_ZERO), lifted_wheel
     for channel, (code, name) in _KNOWN.items():
         size = float(np.nanquantile(np.abs(run.measured.get(channel, [0.0])), 0.95))
         if size > 0.0:

@@ -74,7 +74,7 @@ from model.diagnosis.findings.explained import (
 from model.diagnosis.findings.free_form import with_free_form
 from model.diagnosis.findings.held_out import bagged, cancelling, held_out
 from model.diagnosis.findings.isolability import detectable_in_runs
-from model.diagnosis.findings.laboratory import refuted_soil, soil_instead
+from model.diagnosis.findings.laboratory import ASKED_AT, refuted_soil, soil_instead
 from model.diagnosis.findings.noise_models import grams_around, plausible_grams
 from model.diagnosis.findings.proposal import propose_for
 from model.diagnosis.findings.set_fit import of_soils, parameters_of
@@ -180,7 +180,14 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
         likely = {} if verdict.verdict == "unexplained" else probable_sets(found, MOST_SETS)
         refuted = refuted_soil(linearised.grams, spaces, likely, factor) if likely else ()
         named = explained.extended if verdict.verdict == "named" else ()
-        in_place = soil_instead(linearised.grams, spaces, found, named, factor) if named else ()
+        in_place = soil_instead(
+            linearised.grams,
+            spaces,
+            found,
+            named or [cause.key for cause in explained.causes if cause.probability >= ASKED_AT],
+            factor,
+            named,
+        )
     with clock.stage("next_run"):
         confounded = confounded_causes(linearised.grams, found, verdict)
         ahead = None
@@ -193,6 +200,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
                 not_identifiable=linearised.not_identifiable,
                 name_at=options.name_at,
                 adequate=judged.listed,
+                barred=verdict.barred,
             )
         onward = _onward(linearised, verdict, found, explained, confounded, ahead, on_request=options.next_run)
     with clock.stage("proposal"):

@@ -27,7 +27,8 @@ _READING = (
 
 _NAME_NOTE = (
     "Right name: the share of truths, drawn from what is still possible, of which the right cause is named after the "
-    "step; below 20 % for all, no single step decides, and they stand in the order of their odds. "
+    "step; below 20 % for all, no single step decides, and they stand in the order of their odds; so they do where a "
+    "rule bars a name of which no step can be foreseen to lift it. "
 )
 _ODDS_NOTE = (
     "Expected odds: by how much one such run is expected to favour the true candidate over the one with the most "
