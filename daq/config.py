@@ -624,7 +624,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> Iterator[Fault]:
     for item in error.errors()[:MOST_FAULTS]:
-        where, location = _place(file, item["loc"])
+        where, location = _place(file, item["loc"], of_table=isinstance(item["input"], Mapping))
         message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
         if item["type"] == "extra_forbidden":
             known = _known_keys(kind, item["loc"])
@@ -636,6 +636,14 @@ def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> Iterato
             what, found = f"{location} has a value that is not known", repr(item["input"])
             expected = item["ctx"]["expected"].replace("'", '"')
             yield Fault(what, where, found, expected, next_step="write one of these")
+        elif item["type"] == "tuple_type" and isinstance(item["input"], Mapping):
+            yield Fault(
+                f"[{location}] is one table",
+                where,
+                "",
+                f"[[{location}]], one or more",
+                "correct it, or the schema of the file",
+            )
         elif not location:
             yield Fault(message, where)
         else:
@@ -646,9 +654,12 @@ def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> Iterato
         yield Fault(f"{error.error_count() - MOST_FAULTS} more faults", file)
 
 
-def _place(file: str, location: tuple[int | str, ...]) -> tuple[str, str]:
-    """Return the file with the numbered sections that a fault is in, counted from 1, and the key within the last."""
-    sections = [i for i, part in enumerate(location[:-1]) if isinstance(part, int)]
+def _place(file: str, location: tuple[int | str, ...], *, of_table: bool) -> tuple[str, str]:
+    """Return the file with the numbered sections that a fault is in, counted from 1, and the key within the last.
+
+    `of_table`: the fault is of a section as a whole.
+    """
+    sections = [i for i, part in enumerate(location if of_table else location[:-1]) if isinstance(part, int)]
     tables = [f"[[{location[i - 1]}]] {int(location[i]) + 1}" for i in sections]
     last = max(sections, default=-1)
     return ", ".join([file, *tables]), ".".join(map(str, location[last + 1 :]))
