@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import degrees, hypot
 from pathlib import Path
@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from daq.channels import ROLES
+from daq.channels import REACTIONS, ROLES
 from daq.errors import ConfigError, Fault, every_error_as, nearest, shortened
 from daq.limits import DEEPEST_KEY, LARGEST_TOML_BYTES, MOST_FAULTS, MOST_RUNS, MOST_WHEELS
 from daq.vehicle_sections import (
@@ -408,12 +408,14 @@ class StaticTest(OfWheel):
 
     Readings are raw, with the signs of the roles. A known torque is given as it is, or as a force on a lever. Of a
     wheel that coasts they are means, and its drag is what bearings and brake hold back; `run` is where they are from.
+    A zero of a lifted wheel is read before or after the runs, if `when` says so.
     """
 
-    only_if_set = frozenset({"wheel", "run"})
+    only_if_set = frozenset({"wheel", "run", "when"})
 
     test: Literal["lifted", "known_pull", "known_torque", "coasting"]
     run: str = ""
+    when: Literal["before", "after"] | None = None
     applied_n: Finite | None = None
     lever_m: Positive | None = None
     applied_nm: Finite | None = None
@@ -436,6 +438,8 @@ class StaticTest(OfWheel):
                 known, missing = (key, sigma_key) if sigma is None else (sigma_key, key)
                 raise ValueError(f"{missing} is missing: a reading and its one-sigma go together, and {known} is given")
         given = {key for key in ("applied_n", "lever_m", "applied_nm") if getattr(self, key) is not None}
+        if self.when and self.test != "lifted":
+            raise ValueError('when is of a zero, before or after the runs: test = "lifted", or take it out')
         if self.test == "coasting":
             return self._of_coasting()
         if odd := [key for key, x in self if key.startswith(("drag_", "ground_", "wheel_speed_")) and x is not None]:
@@ -502,6 +506,8 @@ class StaticTest(OfWheel):
 
 SURE = 5.0
 """One-sigmas beyond which two readings contradict each other."""
+_KNOWN = {"dp": "known_pull", "t": "known_torque"}
+_TOO_FAR = f"which are further apart than {SURE:g} sigmas; take out the wrong one, or state larger sigmas"
 _LEAST, _MOST = 0.5, 1.5
 """Shares of a known force between which a reading of it is accepted."""
 _MOST_STATIC = 100
@@ -529,15 +535,40 @@ class RunsConfig(Section):
     @field_validator("static")
     @classmethod
     def _agree(cls, static: tuple[StaticTest, ...]) -> tuple[StaticTest, ...]:
-        for (i, test), (j, other) in combinations(enumerate(static), 2):
-            for channel in test.readings.keys() & other.readings.keys():
+        """Refuse readings of one wheel that contradict each other; a zero may have moved from before to after."""
+        placed = list(enumerate(static, 1))
+        for (i, test), (j, other) in combinations(placed, 2):
+            alike = test.applied == other.applied and _one_time(test, other)
+            for channel in test.readings.keys() & other.readings.keys() if alike else ():
                 (a, a_sigma), (b, b_sigma) = test.readings[channel], other.readings[channel]
-                if test.applied == other.applied and contradict(a, a_sigma, b, b_sigma):
+                if contradict(a, a_sigma, b, b_sigma):
                     raise ValueError(
-                        f"[[static]] {i + 1} and {j + 1} contradict each other: {a:g} and {b:g} under one force, "
-                        f"which are further apart than {SURE:g} sigmas; take out the wrong one, or state larger sigmas"
+                        f"[[static]] {i} and {j} contradict each other: {a:g} and {b:g} "
+                        f"{REACTIONS[channel].unit_text} under one force, {_TOO_FAR}"
+                    )
+        for channel, known in _KNOWN.items():
+            shown = [each for each in placed if each[1].test in ("lifted", known) and channel in each[1].readings]
+            for three in combinations(shown, 3):
+                numbers, tests = [i for i, _ in three], [each for _, each in three]
+                if _one_time(*tests) and _bent(sizes := [(t.applied[channel], *t.readings[channel]) for t in tests]):
+                    raise ValueError(
+                        "[[static]] {}, {} and {} contradict each other: no zero and gain give ".format(*numbers)
+                        + ", ".join(f"{reading:g} under {applied:g}" for applied, reading, _ in sizes)
+                        + f" {REACTIONS[channel].unit_text}, {_TOO_FAR}"
                     )
         return static
+
+
+def _one_time(*tests: StaticTest) -> bool:
+    """Return whether tests are of one wheel, and none is of before the runs and another of after them: a zero moves."""
+    return len({test.wheel for test in tests}) == 1 and not {"before", "after"} <= {test.when for test in tests}
+
+
+def _bent(sizes: Sequence[tuple[float, float, float]]) -> bool:
+    """Return whether no straight line fits three tests: what is applied, the reading and its one-sigma of each."""
+    (low, a, a_sigma), (mid, b, b_sigma), (high, c, c_sigma) = sorted(sizes)
+    share = (mid - low) / (high - low) if low < mid < high else 0.0
+    return share > 0.0 and contradict(b, b_sigma, a + share * (c - a), hypot((1.0 - share) * a_sigma, share * c_sigma))
 
 
 def parse_toml(text: str, kind: type[ConfigT], where: str) -> ConfigT:
@@ -624,7 +655,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> Iterator[Fault]:
     for item in error.errors()[:MOST_FAULTS]:
-        where, location = _place(file, item["loc"])
+        where, location = _place(file, item["loc"], of_table=isinstance(item["input"], Mapping))
         message = str(item["ctx"]["error"]) if item["type"] == "value_error" else item["msg"]
         if item["type"] == "extra_forbidden":
             known = _known_keys(kind, item["loc"])
@@ -636,6 +667,14 @@ def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> Iterato
             what, found = f"{location} has a value that is not known", repr(item["input"])
             expected = item["ctx"]["expected"].replace("'", '"')
             yield Fault(what, where, found, expected, next_step="write one of these")
+        elif item["type"] == "tuple_type" and isinstance(item["input"], Mapping):
+            yield Fault(
+                f"[{location}] is one table",
+                where,
+                "",
+                f"[[{location}]], one or more",
+                "correct it, or the schema of the file",
+            )
         elif not location:
             yield Fault(message, where)
         else:
@@ -646,9 +685,12 @@ def _faults(error: ValidationError, kind: type[BaseModel], file: str) -> Iterato
         yield Fault(f"{error.error_count() - MOST_FAULTS} more faults", file)
 
 
-def _place(file: str, location: tuple[int | str, ...]) -> tuple[str, str]:
-    """Return the file with the numbered sections that a fault is in, counted from 1, and the key within the last."""
-    sections = [i for i, part in enumerate(location[:-1]) if isinstance(part, int)]
+def _place(file: str, location: tuple[int | str, ...], *, of_table: bool) -> tuple[str, str]:
+    """Return the file with the numbered sections that a fault is in, counted from 1, and the key within the last.
+
+    `of_table`: the fault is of a section as a whole.
+    """
+    sections = [i for i, part in enumerate(location if of_table else location[:-1]) if isinstance(part, int)]
     tables = [f"[[{location[i - 1]}]] {int(location[i]) + 1}" for i in sections]
     last = max(sections, default=-1)
     return ", ".join([file, *tables]), ".".join(map(str, location[last + 1 :]))

@@ -249,6 +249,13 @@ def test_a_file_of_a_later_version_is_refused_by_name() -> None:
     assert "something_new" not in said, "what it holds is not known yet"
 
 
+def test_a_file_of_one_wheel_with_the_schema_of_several_is_refused_in_words_of_the_file() -> None:
+    raw = vasilev_and_clay().to_mapping() | {"schema": "wheelsoil/model/3"}
+    with pytest.raises(ConfigError, match=r"\[wheel\] is one table(.|\n)*\[\[wheel\]\](.|\n)*schema") as raised:
+        ExtendedModel.from_mapping(raw, "m.toml")
+    assert "tuple" not in str(raised.value)
+
+
 def member(probability: float, key: str = "", cohesion_pa: float = 7_500.0, **values: float) -> ModelSet:
     """A set on clay whose cohesion and whose effect's parameters have a one-sigma of a tenth."""
     soil = {name: float(getattr(SOILS["clay"], name)) for name in SOIL_PARAMETERS} | {"cohesion_pa": cohesion_pa}

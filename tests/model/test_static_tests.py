@@ -173,6 +173,44 @@ def test_a_static_zero_says_nothing_beside_the_zero_file_of_the_same_event() -> 
     assert alone.measured["t"].tolist() == [12.3]
 
 
+def by_hand(*read: tuple[str | None, float], sigma: float = 0.5 * np.sqrt(2.0)) -> tuple[StaticTest, ...]:
+    tests = [{"test": "lifted", "when": when, "driving_torque_nm": nm} for when, nm in read]
+    return tuple(StaticTest.model_validate(test | {"driving_torque_sigma_nm": sigma}) for test in tests)
+
+
+def test_zeros_by_hand_before_and_after_are_those_of_a_zero_file() -> None:
+    """Equal rows give equal variances: known before and after, a zero does not drift until the runs."""
+    campaign = simulated_campaign(runs=3)
+    file = samples_of(lifted(campaign)).rests
+    hand = samples_of(replace(lifted(campaign, 0.0), static=by_hand(("before", 0.3), ("after", -0.3)))).rests
+    for of in (file, hand):
+        assert of.bracketed.tolist() == [True] and of.measured["t"] == pytest.approx([0.0])
+        assert of.lifted_sigma["t"] == pytest.approx([0.5]) and np.isnan(of.lifted_sigma["dp"]).all()
+    both = replace(lifted(campaign), static=by_hand(("before", 12.0), ("after", 12.0)))
+    assert len(samples_of(both).rests) == 1
+
+
+def test_zeros_by_hand_of_one_time_may_drift_as_those_of_none() -> None:
+    campaign = lifted(simulated_campaign(runs=3), 0.0)
+    for tests in (
+        by_hand(("before", 1.0), ("before", 2.0)),
+        by_hand(("after", 1.0)),
+        by_hand((None, 1.0), (None, 2.0)),
+    ):
+        rests = samples_of(replace(campaign, static=tests)).rests
+        assert rests.bracketed.tolist() == [False] * len(tests)
+        assert rests.measured["t"].tolist() == [test.driving_torque_nm for test in tests]
+
+
+def test_a_zero_that_moved_is_known_by_as_much() -> None:
+    """Evenly from 2 to 14: no contradiction, and one-sigma over the runs is that of the way, over the root of 12."""
+    [before, after] = raw = by_hand(("before", 2.0), ("after", 14.0), sigma=0.1)
+    assert len(parse_mapping({"static": [each.model_dump() for each in raw]}, RunsConfig, "runs.toml").static) == 2
+    rests = samples_of(replace(lifted(simulated_campaign(runs=3), 0.0), static=(before, after))).rests
+    assert rests.measured["t"] == pytest.approx([8.0])
+    assert rests.lifted_sigma["t"] == pytest.approx([12.0 / np.sqrt(12.0)], rel=1e-3)
+
+
 COASTING = {"test": "coasting", "drag_nm": DRAG_NM, "drag_sigma_nm": 1.5, "driving_torque_sigma_nm": 0.5}
 ROLLING = {"ground_speed_mps": 3.0, "ground_speed_sigma_mps": 0.01, "wheel_speed_radps": 6.4}
 
@@ -310,6 +348,8 @@ def test_a_wheel_without_torque_signal_is_not_known_to_coast() -> None:
         (TORQUE | {"driving_torque_nm": 10.0}, "0.001 times"),
         (TORQUE | {"driving_torque_nm": 10000.0, "applied_share": 0.5}, "applied_share"),
         (PULL, "go together"),
+        (TORQUE | {"driving_torque_nm": 10000.0, "when": "after"}, "when is of a zero"),
+        ({"test": "lifted", "when": "now"}, r"runs.toml, \[\[static\]\] 1.*(.|\n)*'before' or 'after'|\"before\" or"),
     ],
 )
 def test_a_static_test_that_lacks_something_is_refused_with_what(wrong: dict, told: str) -> None:
@@ -319,8 +359,32 @@ def test_a_static_test_that_lacks_something_is_refused_with_what(wrong: dict, to
 
 def test_two_static_tests_that_contradict_each_other_are_named_with_their_sizes() -> None:
     readings = [{**TORQUE, "driving_torque_nm": size} for size in (10000.0, 11000.0)]
-    with pytest.raises(ConfigError, match=r"\[\[static\]\] 1 and 2 contradict each other: 10000 and 11000"):
+    with pytest.raises(ConfigError, match=r"\[\[static\]\] 1 and 2 contradict each other: 10000 and 11000 N m"):
         parse_mapping({"static": readings}, RunsConfig, "runs.toml")
+    of_wheels = [reading | {"wheel": wheel} for reading, wheel in zip(readings, ("FL", "FR"), strict=True)]
+    assert len(parse_mapping({"static": of_wheels}, RunsConfig, "runs.toml").static) == 2
+
+
+@pytest.mark.parametrize(("middle", "count"), [(510.0, 1), (412.0, 0)])
+def test_three_static_tests_that_no_zero_and_gain_fit_are_named_with_their_sizes(middle: float, count: int) -> None:
+    known = [{"test": "known_torque", "applied_nm": 1000.0, "driving_torque_nm": 1012.0}]
+    known += [{"test": "known_torque", "applied_nm": 500.0, "driving_torque_nm": middle}]
+    readings = [
+        each | {"driving_torque_sigma_nm": 1.0} for each in (*known, {"test": "lifted", "driving_torque_nm": 12})
+    ]
+    said = [r"1, 2 and 3 contradict each other.* 1012 under 1000, 412 under 500, 12 under 0 N m"]
+    for match in said[count:]:
+        with pytest.raises(ConfigError, match=match):
+            parse_mapping({"static": readings}, RunsConfig, "runs.toml")
+    for _ in range(count):
+        assert len(parse_mapping({"static": readings}, RunsConfig, "runs.toml").static) == 3
+
+
+@pytest.mark.parametrize("static", [[{"test": "lifted"}], {"test": "lifted"}])
+def test_what_is_wrong_with_a_static_test_is_said_in_the_words_of_the_file(static: object) -> None:
+    with pytest.raises(ConfigError, match=r"\[\[static\]\]") as raised:
+        parse_mapping({"static": static}, RunsConfig, "runs.toml")
+    assert "static.0" not in str(raised.value) and "tuple" not in str(raised.value)
 
 
 def test_a_hundred_static_tests_are_enough() -> None:

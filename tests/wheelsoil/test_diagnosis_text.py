@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from short_campaign import driven
 
-from daq import Note, StaticTest, VehicleConfig, WheelSection
+from daq import ConfigError, Note, RunsConfig, StaticTest, VehicleConfig, WheelSection, parse_toml
 from model import DiagnosisCode, LackCode, StepCode
 from model.diagnosis import (
     Adequacy,
@@ -300,6 +300,22 @@ def test_a_lifted_zero_is_a_command_to_paste() -> None:
     found = replace(diagnosis("one_of"), next_run=(NextRun(Note(StepCode.LIFTED_ZERO), ("slope", "torque_zero"), 3.0),))
     step = next_steps(found, VehicleConfig())[0]
     assert "`" not in f"{step.what}{step.why}{text_of(found)}" and "\nwheelsoil zero" in step.paste
+
+
+@pytest.mark.parametrize("code", [StepCode.RUT, StepCode.KNOWN_PULL, StepCode.KNOWN_TORQUE])
+def test_a_table_of_runs_toml_is_pasted_with_its_keys_and_holds_no_number_that_was_not_read(code: StepCode) -> None:
+    note = Note(code, values={"count": 6, "pull_n": 5200.0, "torque_nm": 900.0})
+    found = replace(diagnosis("one_of"), next_run=(NextRun(note, ("slope", "torque_zero"), 3.0),))
+    vehicle = VehicleConfig(wheel=WheelSection(id="FL", radius_m=0.5, width_m=0.3))
+    for of in (VehicleConfig(), vehicle):
+        step = next_steps(found, of)[0]
+        assert "in runs.toml" in step.why
+        with pytest.raises(ConfigError, match="not valid TOML"):
+            parse_toml(step.paste, RunsConfig, "runs.toml")
+        lines = re.sub("= [A-Z]+", "= 500.0", step.paste)
+        runs = parse_toml(f'[[run]]\nfile = "a.mcap"\n{lines}', RunsConfig, "runs.toml")
+        [read] = runs.static or runs.run[0].rut
+        assert read.wheel == (of.wheel.id if of.wheel else "")
 
 
 @pytest.mark.parametrize(("campaign", "run"), [("", "Lauf 3: Ton"), ("clay", "clay: Lauf 3: Ton")])

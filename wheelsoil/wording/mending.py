@@ -29,6 +29,19 @@ _LIFTED = (
     "# record the lifted wheel as spin.mcap, then:\nwheelsoil zero spin.mcap --vehicle vehicle.toml\n"
     '# then:\n[transducer]\nzero_file = "zero.toml"'
 )
+_LINES: dict[str, str] = {
+    StepCode.LIFTED_ZERO: _LIFTED,
+    StepCode.RUT: "[[run.rut]]\ndepth_m = READING\nsigma_m = SIGMA\ntime_s = TIME  # or distance_m; one for each place",
+    StepCode.KNOWN_PULL: (
+        '[[static]]\ntest = "known_pull"\napplied_n = FORCE  # about {pull_n:.0f}\ndrawbar_pull_n = READING\n'
+        "drawbar_pull_sigma_n = SIGMA"
+    ),
+    StepCode.KNOWN_TORQUE: (
+        '[[static]]\ntest = "known_torque"\napplied_nm = TORQUE  # about {torque_nm:.0f}; or applied_n and lever_m\n'
+        "driving_torque_nm = READING\ndriving_torque_sigma_nm = SIGMA"
+    ),
+}
+"""Of a step, to paste: in runs.toml the words in capitals are no TOML until a number is put in their place."""
 _RELEASED = '# in the vehicle.toml of that run only\n[vehicle]\nstandstill_brakes = "released"'
 _RADIUS = "Measure the wheel's radius from hub to ground; diagnose again."
 _BOTH_RADII = "Measure the wheel's radius from hub to ground, and the rolling radius on firm ground; diagnose again."
@@ -134,6 +147,7 @@ def _of_wheel(paste: str, vehicle: VehicleConfig) -> str:
         "[wheel]  #": f"[[wheel]]{of}",
         "[transducer]  #": f"[wheel.transducer]{of}",
         "vehicle.toml\n": f"vehicle.toml{vehicle.wheel_option}\n",
+        **{table: f'{table}wheel = "{vehicle.wheel_ids[0]}"\n' for table in ("[[static]]\n", "[[run.rut]]\n")},
         '"zero.toml"': f'"{zero_file_name(vehicle)}"',
     }
     return reduce(lambda text, part: text.replace(*part), texts.items(), f"{paste}\n").removesuffix("\n")
@@ -229,10 +243,10 @@ def _step_of_run(run: NextRun, found: Diagnosis) -> Step:
     cost = f"; as long as {number(run.cost_runs, 2)} runs" if run.cost_runs > 1 else ""
     decides = f"Decides whether {names} acts" if len(run.separates) == 1 else f"Separates {parted}"
     reason = [f"{decides}{tells}{cost}."] if parted else []
-    lifted = run.step.code == StepCode.LIFTED_ZERO
-    written = [f"Write {key}."] if (key := key_text(run)) and not lifted else []
+    written = [f"Write {key}."] if (key := key_text(run)) and run.step.code != StepCode.LIFTED_ZERO else []
     what = step_text(run) if run.campaign else upper(step_text(run))
-    return Step(what, " ".join([*reason, *written]), _LIFTED if lifted else "", run.campaign)
+    paste = _LINES.get(run.step.code, "").format(**run.step.values)
+    return Step(what, " ".join([*reason, *written]), paste, run.campaign)
 
 
 def mending_of(cause: Cause, vehicle: VehicleConfig, *, table: bool = False) -> Step:

@@ -2,8 +2,8 @@
 
 A zero of the lifted wheel that was taken off the runs is a standstill, too: without load, with a reading of 0 that is
 as well known as the zero was determined. Runs that share a determination know it once. Before and after the runs, and
-interpolated between, it is the zero of all of them; determined once, it may have drifted until they were driven. So
-may that of a static test, in which a known pull or torque acts on the lifted wheel.
+interpolated between, it is the zero of all of them, by file or by hand; determined once, it may have drifted until they
+were driven. So may that of a static test, in which a known pull or torque acts on the lifted wheel.
 
 **Coasting.** A wheel that rolls on firm ground without its drive carries the torque of its bearings and brake pads
 alone, and has no slip: the radius of free rolling is what ISO 8855 defines slip by. Both are readings that no soil
@@ -197,16 +197,34 @@ def _static(
     run = campaign.runs[driven]
     zeros = {c: zero for c in channels if (zero := run.quality.zeros.get(REACTIONS[c].role))}
     dragged = sqrt(sum(test.drag_nm is not None for test in campaign.static))
-    for test in campaign.static:
+    for test, later in _in_pairs(campaign.static):
+        read = {c: _halfway(own, later.readings[c]) if later else own for c, own in test.readings.items()}
         readings = {
             c: (reading - (zeros[c].offset if c in zeros else 0.0), sigma if test.drag_nm is None else dragged * sigma)
-            for c, (reading, sigma) in test.readings.items()
+            for c, (reading, sigma) in read.items()
             if c in channels and not (test.test == "lifted" and c in zeros and zeros[c].is_known)
         }
         rolled = _rolled(test, campaign, run.rolling_m)
         if readings or rolled:
-            applied = {_of_applied(c): test.applied[c] for c in AT_REST}
-            yield _without_load(run, driven, clocks, positions, readings, channels) | applied | rolled
+            known = {"bracketed": float(later is not None), **{_of_applied(c): test.applied[c] for c in AT_REST}}
+            yield _without_load(run, driven, clocks, positions, readings, channels) | known | rolled
+
+
+def _in_pairs(static: Sequence[StaticTest]) -> Iterator[tuple[StaticTest, StaticTest | None]]:
+    """Yield each test; a zero that was read before the runs with one of the same channels after them."""
+    after = [test for test in static if test.when == "after"]
+    for test in (each for each in static if each.when != "after"):
+        later = next((each for each in after if test.when and each.readings.keys() == test.readings.keys()), None)
+        after = [other for other in after if other is not later]
+        yield test, later
+    yield from ((test, None) for test in after)
+
+
+def _halfway(before: tuple[float, float], after: tuple[float, float]) -> tuple[float, float]:
+    """Return a zero between two readings, and one-sigma: by theirs, and by how far it moved evenly."""
+    (first, sigma), (last, other) = before, after
+    moved = max((last - first) ** 2 - sigma**2 - other**2, 0.0)
+    return 0.5 * (first + last), sqrt((sigma**2 + other**2) / 4.0 + moved / 12.0)
 
 
 def _rolled(test: StaticTest, campaign: Campaign, radius_m: float) -> dict[str, float]:
