@@ -11,6 +11,7 @@ import typer
 from daq import ConfigError
 from wheelsoil.cli import options
 from wheelsoil.console import check_output, print_json, print_pairs, say, say_folded
+from wheelsoil.wording.names import OMITTED
 
 if TYPE_CHECKING:
     from daq.runs import SetAsideRun
@@ -139,7 +140,7 @@ def _written(report: Report, target: Path, browser: str) -> dict[str, Any]:
     return {
         "report": page,
         "numbers": numbers,
-        "left_out": report.left_out,
+        **dict.fromkeys(OMITTED, report.left_out),
         "not_fitted": report.not_fitted,
         "failed": report.failed,
         "runs_set_aside": [run.facts() for run in report.set_aside],

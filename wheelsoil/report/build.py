@@ -40,7 +40,7 @@ from wheelsoil.to_json import plain
 from wheelsoil.web.bidi import in_texts, isolated
 from wheelsoil.wording.change_text import of_the_same
 from wheelsoil.wording.figures import figure_value
-from wheelsoil.wording.names import upper
+from wheelsoil.wording.names import OMITTED, upper
 from wheelsoil.wording.numbers import typeset, unbroken
 from wheelsoil.wording.verdict import groups_of_runs
 
@@ -217,7 +217,7 @@ class Report:
             "title": self.head.title,
             "head": vars(self.head),
             "made_at": self.made_at.isoformat(timespec="seconds"),
-            "left_out": self.left_out,
+            **dict.fromkeys(OMITTED, self.left_out),
             "not_fitted": self.not_fitted,
             "failed": self.failed,
             "runs_set_aside": [run.facts() for run in self.set_aside],

@@ -9,7 +9,7 @@ from model import DiagnosisCode, LackCode
 from model.diagnosis import Shape
 from model.effects import parted
 from wheelsoil.wording.grounds_text import chances_of
-from wheelsoil.wording.names import place_text
+from wheelsoil.wording.names import NOT_IDENTIFIABLE, place_text
 from wheelsoil.wording.notes import note_text, step_text, texts_of
 from wheelsoil.wording.verdict import like_radius, sentence_of
 
@@ -23,6 +23,7 @@ _PLAN_SCHEMA = "wheelsoil/plan/1"
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis as plain mappings; NaN stays NaN, for the writer to turn into null."""
     free = found.grounds.free_form
+    lacking = {family: note_text(why) for family, why in found.not_identifiable.items()}
     return {
         "schema": _SCHEMA,
         "verdict": found.verdict,
@@ -40,7 +41,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "proposal": None if found.proposal is None else vars(found.proposal),
         "minimum_detectable": {key: vars(size) for key, size in found.minimum_detectable.items()},
         "next_run": [next_run_json(run) for run in found.next_run],
-        "cannot_tell": {family: note_text(why) for family, why in found.not_identifiable.items()},
+        **dict.fromkeys(NOT_IDENTIFIABLE, lacking),
         "notes": texts_of(found.notes),
         "noise": found.noise,
         "soils": [{**vars(soil), "off_laboratory_sigmas": soil.off_laboratory} for soil in found.soils],
@@ -200,6 +201,6 @@ def plan_json(plan: Plan) -> dict[str, Any]:
             {"families": list(advice.families), "next_run": [next_run_json(run) for run in advice.next_runs]}
             for advice in plan.confounded
         ],
-        "cannot_tell": plan.not_identifiable,
+        **dict.fromkeys(NOT_IDENTIFIABLE, plan.not_identifiable),
         "notes": list(plan.notes),
     }

@@ -90,6 +90,10 @@ PARAMETERS = {
 _UNITS = {unit_suffix(quantity.value): unit_text(quantity.value) for quantity in Quantity}
 
 
+NOT_IDENTIFIABLE, OMITTED = ("not_identifiable", "cannot_tell"), ("omitted", "left_out")
+"""Keys of JSON: the second is the former one, which stays one version."""
+
+
 def letter(name: str) -> str:
     """Return the textbook's letter of a parameter, or else its name in words, without the unit."""
     return PARAMETERS.get(name) or (name if "=" in name else named_with_unit(name)[0])

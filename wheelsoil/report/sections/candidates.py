@@ -10,7 +10,7 @@ from wheelsoil.report.figures import Trace, axes, bars, form_name
 from wheelsoil.report.inputs import ReportInputs
 from wheelsoil.wording.diagnosis_text import not_named, set_shares
 from wheelsoil.wording.grounds_text import adequacy_words
-from wheelsoil.wording.names import chance, letter, meaning, parameter_name, plain_name, upper
+from wheelsoil.wording.names import NOT_IDENTIFIABLE, chance, letter, meaning, parameter_name, plain_name, upper
 from wheelsoil.wording.numbers import interval, number, unit
 from wheelsoil.wording.verdict import NOT_JUDGED, refusal_words, several_terrains
 
@@ -51,7 +51,7 @@ def candidates(inputs: ReportInputs) -> Contents:
         "sets": found.sets,
         "adequacy": found.adequacy,
         "proposal": found.proposal,
-        "cannot_tell": found.not_identifiable,
+        **dict.fromkeys(NOT_IDENTIFIABLE, found.not_identifiable),
     }
     return blocks, numbers
 
