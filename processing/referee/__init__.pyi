@@ -1,7 +1,5 @@
 from .evidence import evidence_of as evidence_of
 from .evidence import plausibility_of as plausibility_of
-from .judgement import NAMED_ABOVE as NAMED_ABOVE
-from .judgement import REFUSED_BELOW as REFUSED_BELOW
 from .judgement import Evidence as Evidence
 from .judgement import Ruling as Ruling
 from .judgement import judge as judge
