@@ -174,7 +174,7 @@ def summary(entries: Sequence[dict[str, Any]]) -> str:
     n = len(done)
     right = {name: [entry[name]["right"] for entry in done] for name in ("advised", "random")}
     wrong = {name: sum(bool(e[name]["named"]) and not e[name]["right"] for e in done) for name in right}
-    stated = float(np.mean([entry["stated"] for entry in done]))
+    stated = [(entry["stated"], entry["advised"]["right"]) for entry in done if entry["stated"] is not None]
     low, high = clopper_pearson(sum(right["advised"]), n)
     pairs = list(zip(right["advised"], right["random"], strict=True))
     only = [sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)]
@@ -182,7 +182,8 @@ def summary(entries: Sequence[dict[str, Any]]) -> str:
     return "\n".join(
         [
             f"{n} campaigns of verdict one_of; steps that the blind world can drive",
-            f"stated probability of the right name after the first step: mean {stated:.2f}",
+            f"right name after the first step stated for {len(stated)}: of {sum(p for p, _ in stated):.1f}; "
+            f"{sum(right for _, right in stated)} got it",
             f"right names after it: {sum(right['advised'])} of {n} ({low:.2f} to {high:.2f}); wrong {wrong['advised']}",
             f"right names after a step at random: {sum(right['random'])} of {n}; wrong {wrong['random']}",
             f"only by advice {only[0]}, only at random {only[1]}, McNemar p {p:.3g}",
