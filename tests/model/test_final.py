@@ -79,6 +79,8 @@ def test_a_member_of_a_set_has_its_size_beside_those_that_act_for_sure() -> None
     together, alone = (parameters_of(fits[some], fits.linearised)["vasilev"][0] for some in (keys, keys[:1]))
     assert own.value == together.value != alone.value
     assert ("crosstalk",) not in fits.known and sizes["crosstalk"].parameters
+    [named] = explain(fits, Judgement("named", ("slip_sinkage",), ("torque_zero",)), sure).causes
+    assert named.parameters[0].value == together.value
 
 
 def test_lyaskos_sum_comes_first_and_its_parts_only_where_they_can_be_parted() -> None:

@@ -16,7 +16,7 @@ from daq import FloatArray
 from model.diagnosis.core.hypotheses import LEVEL, Posterior, cause_of, most_probable_form
 from model.diagnosis.core.naming import Judgement
 from model.diagnosis.core.plot_data import PlotData
-from model.diagnosis.core.result import Cause, ParameterEstimate, SoilEstimate
+from model.diagnosis.core.result import Cause, SoilEstimate
 from model.diagnosis.findings.isolability import CONFOUNDED_COSINE, isolability
 from model.diagnosis.findings.set_fit import SetFit, fit_sets, parameters_of, soils_of, spread_of
 from model.diagnosis.findings.wheel_orders import wheel_orders_of
@@ -119,7 +119,7 @@ class Explained:
     Attributes
     ----------
     causes : tuple of Cause
-        The named ones, fitted together; or the members of a set, each fitted with those that act for sure.
+        The named ones, fitted together, or the members of a set, each, with those that act for sure.
     extended : tuple of str
         Keys of the causes that the extended model has: the named ones, the most probable member of a set, the
         most probable set where nothing explains the data; empty where nothing is detected.
@@ -160,31 +160,29 @@ class Fits:
 
 
 def explain(fits: Fits, verdict: Judgement, found: Posterior) -> Explained:
-    """Fit what a verdict is about: of a set each member with those that act for sure."""
+    """Fit what a verdict is about: the named causes, and of a set each member, with those that act for sure."""
     linearised = fits.linearised
     keys = tuple(most_probable_form(found, family) for family in verdict.families)
     extended = _extended(linearised, verdict, keys)
     chances, order = found.families(), [c.key for c in linearised.grams.causes]
-    sure = [key for f, key in zip(verdict.families, keys, strict=True) if chances[f] > LEVEL]
+    named = verdict.verdict == "named"
+    sure = [most_probable_form(found, f) for f, p in chances.items() if p > LEVEL and (named or f in verdict.families)]
     sets = {
-        key: together if found.hypotheses.position(together) is not None else (key,)
+        key: together if found.hypotheses.position(together) is not None else extended if named else (key,)
         for key in keys[:_MOST_FITTED]
-        for together in [tuple(sorted({key, *sure}, key=order.index))]
+        for together in [tuple(sorted({*(keys if named else (key,)), *sure}, key=order.index))]
     }
-    fits.fit((), extended, *([] if verdict.verdict == "named" else sets.values()))
+    fits.fit((), extended, *sets.values())
     whole = fits[extended]
     spread = spread_of(whole.problem, whole.estimate, linearised, extended)
-    values: dict[str, tuple[ParameterEstimate, ...]] = {}
-    sizes: dict[str, FloatArray] = {}
-    if verdict.verdict == "named":
-        values, sizes = parameters_of(whole, linearised, spread), dict(whole.sizes)
-    else:
-        for key, members in sets.items():
-            fit = fits[members]
-            values[key] = parameters_of(fit, linearised, spread if extended == members else None)[key]
-            sizes[key] = fit.sizes[key]
+    values = {
+        members: parameters_of(fits[members], linearised, spread if extended == members else None)
+        for members in dict.fromkeys(sets.values())
+    }
+    sizes = {key: fits[members].sizes[key] for key, members in sets.items()}
     causes = tuple(
-        cause_of(found, family, key, values.get(key, ())) for family, key in zip(verdict.families, keys, strict=True)
+        cause_of(found, family, key, values[sets[key]][key] if key in sets else ())
+        for family, key in zip(verdict.families, keys, strict=True)
     )
     return Explained(causes, extended, sizes | _others(linearised, found, sizes), soils_of(whole, linearised, spread))
 
