@@ -145,9 +145,9 @@ class Correction:
         if not isinstance(now, int | float):
             share = f" of {self.share_of}" if self.share_of else ""
             return f"# {self.key}: add {size * (1.0 if share else self.per_unit):{self.form}}{share} to what it is"
-        new = now + size * (now if self.share_of else self.per_unit)
-        never = f"0  # these runs ask for {new:{self.form}}, which cannot be: check those of the other sensors, too"
-        return f"{self.key} = {f'{new:{self.form}}' if new >= 0.0 else never}"
+        new = f"{now + size * (now if self.share_of else self.per_unit):z{self.form}}"
+        others = f": check {self.key} of the other sensors, too" if self.role else ""
+        return f"{self.key} = " + (f"0  # these runs ask for {new}, which cannot be{others}" if float(new) < 0 else new)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from daq import FloatArray, Note
 from model import LackCode, StepCode
-from model.diagnosis.core.naming import AVERAGED_AT, NOTHING_AT, SURE_AT
+from model.diagnosis.core.naming import AVERAGED_AT, NOTHING_AT, SURE_AT, beside_formed
 from model.diagnosis.findings.held_out import bagged, drawn_anew
 from model.diagnosis.planning.naming_chance import outlook
 
@@ -81,6 +81,18 @@ def test_what_the_data_do_not_identify_is_not_named_until_a_step_shows_it() -> N
         for code in (StepCode.SINKAGE, StepCode.OTHER_DIRECTION)
     }
     assert told[StepCode.SINKAGE] == 0.0 < told[StepCode.OTHER_DIRECTION]
+
+
+@pytest.mark.parametrize("code", [StepCode.SINKAGE, StepCode.LIFTED_ZERO])
+def test_no_step_names_a_cause_beside_one_that_acts_by_another_formula(code: StepCode) -> None:
+    _, columns, residual, more = look_alikes(0, apart=0.2)
+    found = bagged(grams_of(columns, residual), np.random.default_rng(7))
+    assert not beside_formed("", found) and set(beside_formed("slope", found)) == {"slip_sinkage", "torque_zero"}
+    chances = [
+        chance_of(columns, residual, more, code, not_identifiable=beside_formed(formed, found))
+        for formed in ("slope", "slip_sinkage")
+    ]
+    assert chances[0] > 0.5 and chances[1] == 0.0
 
 
 def test_two_runs_and_a_static_test_give_no_name() -> None:

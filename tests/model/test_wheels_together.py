@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag
 from shared_results import made_once
 
-from daq import FloatArray, IndexArray, StaticTest
+from daq import OUTPUTS, FloatArray, IndexArray, StaticTest
 from model.diagnosis import Campaign, DiagnosisOptions, Kind, OfVehicle, Shape, diagnose, samples_of
 from model.diagnosis.findings.adequacy import Unlisted, _rms
 from model.diagnosis.findings.adequacy import kinds_of as kinds_of_shapes
@@ -40,7 +40,7 @@ from model.diagnosis.time_series.linearise import SENSORS
 from model.diagnosis.time_series.linearised_campaign import LinearisedCampaign
 from model.diagnosis.time_series.samples import on_common_blocks
 from model.diagnosis.time_series.start import Start, begin, not_identifiable_in_any
-from model.diagnosis.time_series.whitening import Neighbours, StateSpace, run_grams, whiten
+from model.diagnosis.time_series.whitening import Neighbours, StateSpace, run_design, run_grams, whiten
 from model.effects import EFFECTS, parted
 from model.effects.catalogue import at_wheel
 from model.wheel_soil import SOIL_PARAMETERS
@@ -175,6 +175,10 @@ def test_a_run_is_the_drive_of_all_wheels(linearised: LinearisedCampaign) -> Non
         [wheel for wheel, _ in members] for members in runs_of([(d.campaign, d.samples) for d in linearised.campaigns])
     ]
     assert owners == [[0, 1]] * 4
+    own = [run_design(data.samples, data.linear, data.columns) for data in linearised.campaigns]
+    assert grams.design is not None and (grams.design[:, 1:] == own[1][:, 1:]).all()
+    channels = (own[0][:, 0] << len(OUTPUTS)) + own[1][:, 0]  # of another vehicle with other channels another number
+    assert grams.design[:, 0].tolist() == channels.tolist() and own[0][:, 0].all()
 
 
 def test_wheels_that_share_nothing_are_those_by_themselves(linearised: LinearisedCampaign) -> None:

@@ -87,6 +87,14 @@ def test_what_is_to_be_pasted_holds_the_value() -> None:
     assert "0.870 times" in mending_of(cause("drawbar_pull_gain", 0.15), VEHICLE).what
 
 
+def test_what_cannot_be_below_zero_is_said_of_its_own_kind() -> None:
+    late = mending_of(cause("speed_latency", -0.07), VEHICLE).paste
+    assert late.endswith("= 0  # these runs ask for -0.070, which cannot be: check latency_s of the other sensors, too")
+    _, mass, inertia = mending_of(cause("wheel_inertia", -0.5), VEHICLE).paste.splitlines()
+    assert mass.endswith(f"# these runs ask for {10 - MASS_KG / 2:.3g}, which cannot be") and "sensors" not in inertia
+    assert mending_of(cause("speed_latency", -1e-9), VEHICLE).paste.endswith("latency_s = 0.000")
+
+
 @pytest.mark.parametrize("key", [key for key, effect in EFFECTS.items() if len(effect.parameters) == 1])
 @pytest.mark.parametrize("share", [1.0, 0.1, -0.1, -1.0])
 def test_the_reader_takes_every_line_to_paste(key: str, share: float) -> None:

@@ -398,11 +398,11 @@ def test_each_named_cause_has_its_step_in_the_terminal_and_on_the_page() -> None
 def test_more_causes_that_look_the_same_are_said_beside_a_name_and_in_the_json() -> None:
     values = {"families": ("torque_gain",), "instead": (("load_gain", "drawbar_pull_gain"),), "nats": (1.9,)}
     found = replace(diagnosis("named"), grounds=Grounds(cautions=(Note(DiagnosisCode.MORE_ALIKE, values=values),)))
-    said = (
-        "Load gain with drawbar pull gain would look the same as torque gain: fewer causes at once are more probable."
-    )
+    said = "Load gain with drawbar pull gain is confounded with torque gain: fewer causes at once are more probable."
     assert said in squeezed(text_of(found)) and said in sentence_of(found)
     assert diagnosis_json(found)["more_alike"] == [values] and "more_alike" not in diagnosis_json(diagnosis("named"))
+    many = note_text(Note(DiagnosisCode.MORE_ALIKE, values={**values, "instead": (("slope", "load_gain"),) * 6}))
+    assert many.startswith("slope with load gain, ") and " or 3 more sets is confounded with" in many
 
 
 def test_in_how_many_campaigns_an_interval_is_right_is_said_of_few_runs_only() -> None:

@@ -190,6 +190,7 @@ def _print_status(facts: Mapping[str, Any]) -> None:
         f"{count} {VERDICT_WORDS.get(verdict, verdict)}" for verdict, count in facts["verdicts"].items()
     )
     each = facts["cpu_s"] / max(facts["campaigns"], 1)
+    nothing = "not kept by the version that made the store" if {"named", "one_of"} & {*facts["verdicts"]} else "none"
     longest = f", longest {facts['longest']}" if facts["longest"] else ""
     largest = f": {facts['largest']}" if facts["largest"] else ""
     print_pairs(
@@ -197,7 +198,7 @@ def _print_status(facts: Mapping[str, Any]) -> None:
             ("store", facts["store"]),
             ("campaigns", f"{facts['campaigns']}, {len(failed)} failed"),
             ("verdicts", verdicts or "none"),
-            ("causes", ", ".join(f"{plain_name(name)} {count}" for name, count in facts["causes"].items()) or "none"),
+            ("causes", ", ".join(f"{plain_name(name)} {count}" for name, count in facts["causes"].items()) or nothing),
             ("rows", ", ".join(f"{name} {count:,}" for name, count in rows.items()) or "none"),
             ("computing", f"{_duration(facts['cpu_s'])} of one core, {each:.1f} s a campaign{longest}"),
             ("memory", f"{facts['peak_bytes'] / 1e6:.0f} MB at most for a campaign{largest}"),

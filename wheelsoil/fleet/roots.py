@@ -101,7 +101,7 @@ def find_sources(roots: Sequence[Path], not_read: list[str] | None = None) -> di
     ----------
     not_read : list of str, optional
         Takes a line for each file that is nearly called like one that a campaign is described by, for each folder
-        with series that lacks vehicle.toml, and for each symbolic link to a folder.
+        with series that lacks vehicle.toml, and for each symbolic link to a folder outside the root.
 
     Returns
     -------
@@ -164,7 +164,7 @@ def _sources_in(root: str, not_read: list[str]) -> Iterator[tuple[Source, Beside
             f"{f'{below}/{entry.name}'.strip('/')}: not read, because it is a link to a folder; next: name the folder "
             "itself as a root, or move it here"
             for entry in folders
-            if entry.is_symlink()
+            if entry.is_symlink() and not Path(entry.path).resolve().is_relative_to(Path(root).resolve())
         ]
         if _holds_series(folder, files):
             of_series.append((source, _seen(files)))

@@ -77,6 +77,13 @@ def _zeros(v: Values) -> str:
     )
 
 
+def _more_alike(v: Values) -> str:
+    sets = [" with ".join(map(plain_name, each)) for each in v["instead"]]
+    sets[3:] = [f"{len(sets) - 3} more sets"] if len(sets) > 4 else sets[3:]
+    of = listed(plain_names(v["families"]), "or")
+    return f"{listed(sets, 'or')} is confounded with {of}: fewer causes at once are more probable"
+
+
 def _disagreement(v: Values) -> str:
     unit = after_value(v["unit"])
     own = ", ".join(f"{campaign} {value:.3g} ± {sigma:.3g}{unit}" for campaign, value, sigma in v["own"])
@@ -354,10 +361,7 @@ SENTENCES: dict[str, Sentence] = {
         f"+ ({1e3 * v['H2_m']:.1f} ± {1e3 * v['H2_sigma_m']:.1f}) mm s^2, held-out rms "
         f"{1e3 * v['left_out_rms_m']:.2f} mm; laws of a driven wheel are not asked there"
     ),
-    DiagnosisCode.MORE_ALIKE: lambda v: (
-        f"{listed([' with '.join(map(plain_name, each)) for each in v['instead'][:3]], 'or')} would look the same as "
-        f"{listed(plain_names(v['families']), 'or')}: fewer causes at once are more probable"
-    ),
+    DiagnosisCode.MORE_ALIKE: _more_alike,
     DiagnosisCode.SOIL_SIGMA_ASSUMED: lambda v: (
         f"{', '.join(v['campaigns'])}: no uncertainty of the soil is stated, the usual laboratory's is taken"
     ),

@@ -305,7 +305,7 @@ def most_probable_form(found: Posterior, family: str) -> str:
 
 
 def cause_of(found: Posterior, family: str, key: str, parameters: tuple[ParameterEstimate, ...]) -> Cause:
-    """Return a cause with its probabilities; `key` is its form, and the parameters are as if it were the one."""
+    """Return a cause with its probabilities; `key` is its form, whose parameters are given."""
     effect = EFFECTS[key]
     return Cause(
         name=family,

@@ -168,6 +168,12 @@ def unshown(not_identifiable: Mapping[str, Note], found: Posterior, judged: Adeq
     }
 
 
+def beside_formed(formed: str, found: Posterior) -> dict[str, Note]:
+    """Return why no other family is named beside one that acts by an unlisted formula: it may make up for that one."""
+    why = Note(LackCode.FORM_NOT_LISTED, values={"family": formed})
+    return {family: why for family in found.hypotheses.families if formed and family != formed}
+
+
 def one_of(
     found: Posterior,
     barred: Note | None,

@@ -18,7 +18,7 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause with its parameters, as if it were the one.
+    """A cause with its parameters; of a set, as if it acted with those that act for sure, and no other.
 
     Attributes
     ----------

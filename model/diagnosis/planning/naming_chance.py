@@ -140,7 +140,9 @@ class Outlook:
         for i, family in enumerate(self.listed.families):
             why = self.not_identifiable.get(family)
             lifted = code is StepCode.LIFTED_ZERO and family in zeros
-            if why is not None and not lifted and code not in _SETTLES.get(why.code, ()):
+            if why is None:
+                continue
+            if why.code == LackCode.FORM_NOT_LISTED or not (lifted or code in _SETTLES.get(why.code, ())):
                 shown = why.code == LackCode.NOT_AT_STANDSTILL
                 least[i] = max(least[i], SHOWN_AT / self.adequate) if shown else np.inf
         return least

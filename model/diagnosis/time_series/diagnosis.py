@@ -22,6 +22,7 @@ from model.diagnosis.core.naming import (
     Judgement,
     asked_again,
     barred_causes,
+    beside_formed,
     confirmed,
     is_physical,
     judgement,
@@ -164,9 +165,8 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             factor = excess(linearised.grams, linearised.best.keys)
             judged = adequacy(linearised.grams, linearised.best.keys, other)
     fits = Fits(linearised, "several" if judged.ok else "one")
-    weighed, remarks = _weighed(
-        fits, judged, other, factor, options.name_at, clock, rng, "" if freed is None else EFFECTS[freed.key].name
-    )
+    formed = "" if freed is None else EFFECTS[freed.key].name
+    weighed, remarks = _weighed(fits, judged, other, factor, options.name_at, clock, rng, formed)
     verdict, found = weighed.verdict, weighed.found
     with clock.stage("final"):
         explained = explain(fits, verdict, found)
@@ -197,7 +197,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
                 found,
                 rng,
                 excess=factor,
-                not_identifiable=linearised.not_identifiable,
+                not_identifiable=linearised.not_identifiable | beside_formed(formed, found),
                 name_at=options.name_at,
                 adequate=judged.listed,
                 barred=verdict.barred,
@@ -284,10 +284,7 @@ def _weighed(
     rng: np.random.Generator,
     formed: str = "",
 ) -> tuple[_Weighed, tuple[Note, ...]]:
-    """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain.
-
-    Beside a family that acts by a formula that is not listed (`formed`) no other is named: it may make up for that one.
-    """
+    """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain."""
     linearised = fits.linearised
     with clock.stage("bagging"):
         found = bagged(linearised.grams, rng, linearised.excluded, linearised.most_causes, factor)
@@ -307,10 +304,7 @@ def _weighed(
     )
 
     def judge(other: Posterior) -> Judgement:
-        lacking = unshown(linearised.not_identifiable, other, judged)
-        if formed:
-            why = Note(LackCode.FORM_NOT_LISTED, values={"family": formed})
-            lacking |= {family: why for family in other.hypotheses.families if family != formed}
+        lacking = unshown(linearised.not_identifiable, other, judged) | beside_formed(formed, other)
         rules = (other, judged, gain, lacking, name_at, linearised.converged)
         return judgement(*rules, contradiction, of_runs=True)
 

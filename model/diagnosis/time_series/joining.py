@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from daq import FloatArray, IndexArray
+from daq import OUTPUTS, FloatArray, IndexArray
 from model.diagnosis.core.campaign import Campaign
 from model.diagnosis.core.shapes import Shape
 from model.diagnosis.time_series.basis import RunShapes
@@ -242,16 +242,14 @@ def _of_vehicle(wheels: Sequence[OfCampaign], turns: Sequence[FloatArray], ranks
     drives = _drives(wheels)
     found = _integrated(wheels, turns, ranks)
     counts, design = np.zeros(len(drives), np.intp), np.zeros((len(drives), 3), np.intp)
-    channels = np.zeros((len(drives), len(wheels)), np.intp)
     static = found.matrices[len(drives) :].sum(axis=0)
     for i, wheel in enumerate(wheels):
         at = np.array([list(drives).index(name) for name in wheel.samples.run_names], np.intp)
         rests, lifted = wheel.samples.rests, wheel.samples.rests.lifted
         np.add.at(counts, at[wheel.samples.run], wheel.columns.present.sum(axis=0))
         np.add.at(counts, at[rests.run[~lifted]], wheel.columns.rests_present[:, ~lifted].sum(axis=0))
-        design[at] = run_design(wheel.samples, wheel.linear, wheel.columns)
-        channels[at, i] = design[at, 0]
-    design[:, 0] = np.unique(channels, axis=0, return_inverse=True)[1].ravel()
+        channels, design[at, 1], design[at, 2] = run_design(wheel.samples, wheel.linear, wheel.columns).T
+        design[at, 0] += channels << len(OUTPUTS) * (len(wheels) - 1 - i)  # alike for all vehicles
     return replace(found.runs(len(drives)), samples=counts, design=design, static=static)
 
 

@@ -93,8 +93,10 @@ def test_what_looks_like_a_campaign_and_is_none_is_said(tmp_path: Path) -> None:
     assert caught.value.faults[0].found == "; ".join(lines)
     (roots / "driven").mkdir()
     (roots / "driven" / "run.mcap").touch()
-    (roots / "latest").symlink_to(roots / "driven")
-    lines.insert(1, "latest: not read, because it is a link to a folder; next: name the folder itself as a root")
+    (roots / "latest").symlink_to(roots / "driven")  # which is read
+    (tmp_path / "disk").mkdir()
+    (roots / "disk").symlink_to(tmp_path / "disk")
+    lines.insert(1, "disk: not read, because it is a link to a folder; next: name the folder itself as a root")
     lines[1] += ", or move it here"
     not_read: list[str] = []
     assert [one.name for one in find_sources([roots], not_read)] == ["driven"]

@@ -10,6 +10,11 @@ from view_browser import Held, curve_line, curve_on_page, drag, drawn, looking, 
 from view_client import View
 
 ROWS = ("slip", "pull")
+_ON_FIRM_GROUND = """async () => {
+  const { state, tell } = await import('/store.js');
+  state.campaigns.flatMap((each) => each.runs).find((run) => run.state === "failed").on_soil = false;
+  tell("list");
+}"""
 
 
 @pytest.mark.slow
@@ -70,6 +75,8 @@ def test_a_run_that_failed_or_cannot_be_read_is_not_shown_with_the_plots_of_anot
     expect(page.locator("#waiting")).to_contain_text("wheel")
     expect(page.locator("#rows")).to_be_hidden()
     expect(page.locator("#legend")).to_be_hidden()
+    page.evaluate(_ON_FIRM_GROUND)
+    expect(page.locator("button.run .tag[data-level=failed]").first).to_have_text("failed")
     open_run(page, "clay field")
     drawn(page, *ROWS)
 

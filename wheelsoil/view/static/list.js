@@ -91,7 +91,7 @@ function showRun(item, campaign, run) {
   write(load, ready && run.load_n !== null ? `${fixed(run.load_n / 1000, 1)} kN` : "");
   const facts = [onRoad && "on firm ground: a static test", run.direction, `pass ${run.pass_number}`, chosenRun(campaign.key, run)?.keep ? "cut" : "", run.rut_readings ? `${run.rut_readings} ruts` : ""];
   write(more, run.refused ?? (run.state === "failed" ? run.why : facts.filter(Boolean).join(", ")));
-  write(tag, run.refused ? "✕ set aside" : onRoad ? "" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
+  write(tag, run.refused ? "✕ set aside" : ready && onRoad ? "" : ready ? GRADES[run.grade] || (run.greatest_slip === null ? "" : `slip ${fixed(run.greatest_slip, 2)}`) : run.state);
   tag.dataset.level = ready && !onRoad ? run.grade : run.state;
 }
 
