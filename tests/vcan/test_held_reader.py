@@ -79,7 +79,7 @@ def test_the_page_shows_a_frozen_sensor_and_losses(vcan: Callable[..., GuestResu
     """A slow machine may lose frames before the reader is held: the page's level is then red throughout."""
     make_vehicle(tmp_path, "vcan0", logger="receive_buffer_kb = 2000", more=ROLES)
 
-    result = vcan(held(tmp_path, 15, watched()), timeout_s=90)
+    result = vcan(held(tmp_path, 15, watched()), timeout_s=180)
 
     assert result.exit_code == 0, result.output
     recording = check_losses(tmp_path)
