@@ -545,6 +545,11 @@ def test_a_program_reads_what_acts_beside_the_named_cause_and_what_bars_its_name
     slope, pushing = diagnosis_json(named)["further_causes"]
     assert (slope["name"], slope["probability"], slope["barred"]["code"]) == ("slope", 1e-5, "one_direction")
     assert pushing == {"name": "bulldozing", "probability": 0.03, "barred": None}
+    formed = Note(LackCode.FORM_NOT_LISTED, values={"family": "slip_sinkage"})
+    kept = BarredCause(Cause("bulldozing", "", "physical", "bulldozing", 0.96, 1.0, ()), formed)
+    said = diagnosis_json(replace(named, grounds=replace(named.grounds, kept_back=(kept,))))
+    assert said["further_causes"][1]["barred"] == said["causes"][1]["barred"]
+    assert said["further_causes"][1]["barred"]["code"] == "form_not_listed"
 
 
 def test_a_cause_whose_name_a_rule_bars_stands_among_the_causes_with_the_rule() -> None:

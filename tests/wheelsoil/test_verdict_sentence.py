@@ -27,7 +27,7 @@ from model.diagnosis import (
     Scores,
     Shape,
 )
-from model.diagnosis.core.result import PriorShift, RefutedSoil, undecided
+from model.diagnosis.core.result import BarredCause, PriorShift, RefutedSoil, undecided
 from model.diagnosis.findings.agreement import Disagreement, Own, disagreement_notes
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.wording.diagnosis_text import gain_text
@@ -61,6 +61,7 @@ from wheelsoil.wording.verdict import (
 SIZE = ParameterEstimate("H_m", "m", 0.031, (0.027, 0.035), 0.002)
 CAUSE = Cause("slip_sinkage", "vasilev", "physical", "vasilev", 0.97, 0.7, (SIZE,))
 CHANCES = {"slip_sinkage": 0.97, "slope": 0.4, "bulldozing": 0.5, "grouser": 0.01}
+SKID, PEAK = "skid_sinkage", "stress_peak_shift"
 ONE_WAY = Note(LackCode.ONE_DIRECTION)
 DRIFT = Note(LackCode.ONE_RUN_NO_DRIFT)
 BARE = replace(
@@ -251,6 +252,34 @@ def test_a_name_that_the_stress_peak_bars_is_said_with_the_rule_and_both_probabi
         "Slip sinkage is not named: its probability is only 17.7 % if the stress peak usually lies ahead of the "
         "wheel's bottom, as on most soils, and 99.8 % if it seldom does."
     )
+
+
+@pytest.mark.parametrize("channels", [(), ("dp",)])
+def test_a_cause_that_a_rule_keeps_back_beside_a_name_does_not_act_but_has_the_rule(channels: tuple[str, ...]) -> None:
+    (gain_cause,) = causes("torque_gain")
+    kept = BarredCause(replace(gain_cause, probability=0.979), Note(LackCode.FORM_NOT_LISTED, values={"family": SKID}))
+    likely = (Candidate(SKID, 0.999), Candidate("torque_gain", 0.979), Candidate("slope", 0.3))
+    grounds = Grounds(beside=("torque_gain",), kept_back=(kept,), table_channels=channels)
+    named = replace(BARE, candidates=likely, grounds=grounds)
+    said = sentence_of(named)
+    assert "Torque gain (97.9 %) is not named: skid sinkage acts by another formula than the listed ones, and" in said
+    assert "A further cause" not in said
+    beside = replace(named, grounds=replace(grounds, beside=("torque_gain", "slope")))
+    assert "A further cause may act: slope (30.0 %). Torque gain (97.9 %) is not named" in sentence_of(beside)
+    sure = replace(beside, candidates=(*likely[:2], Candidate("slope", 0.96)))
+    assert "A further cause acts: slope (96.0 %). Torque gain (97.9 %) is not named" in sentence_of(sure)
+
+
+def test_beside_a_name_the_stress_peak_bars_another_with_both_probabilities() -> None:
+    (slope,) = causes("slope")
+    peak = Note(LackCode.PEAK_MAY_SHIFT, values={"family": "slip_sinkage", "probability": 0.177})
+    grounds = Grounds(barred=peak, beside=("slip_sinkage", PEAK), kept_back=(BarredCause(CAUSE, peak),))
+    likely = (Candidate("slip_sinkage", 0.9996), Candidate("slope", 0.99), Candidate(PEAK, 0.001))
+    assert (
+        "A further cause acts: slip sinkage or stress peak shift. Slip sinkage is not named: its probability is only "
+        "17.7 % if the stress peak usually lies ahead of the wheel's bottom, as on most soils, and > 99.9 % if it "
+        "seldom does."
+    ) in sentence_of(replace(BARE, causes=(slope,), candidates=likely, grounds=grounds))
 
 
 def test_a_sure_cause_that_another_rule_bars_is_said_with_the_rule() -> None:

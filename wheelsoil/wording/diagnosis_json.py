@@ -113,8 +113,12 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
 
 def _further(family: str, found: Diagnosis) -> dict[str, Any]:
     """Return a family that probably acts beside the named ones; `barred` is None where only its probability bars it."""
-    p, why = chances_of(found).get(family), found.not_identifiable.get(family)
-    return {"name": family, "probability": p, "barred": None if why is None else _reason(why)}
+    why = (found.not_identifiable | {kept.cause.name: kept.why for kept in found.grounds.kept_back}).get(family)
+    return {
+        "name": family,
+        "probability": chances_of(found).get(family),
+        "barred": None if why is None else _reason(why),
+    }
 
 
 def _finding(found: Finding, median: float) -> dict[str, Any]:

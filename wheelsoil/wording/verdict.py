@@ -391,17 +391,13 @@ def _verdict_of_table(found: Diagnosis) -> list[Statement]:
 
 
 def _named_of_table(found: Diagnosis, channels: str, chances: Mapping[str, float]) -> list[str | Statement]:
-    names, beside = " and ".join(_with_chances(found.causes)), found.grounds.beside
     statements: list[str | Statement] = [
-        f"{upper(names)} is detected in {channels}, among explanations that are adequate"
+        f"{upper(' and '.join(_with_chances(found.causes)))} is detected in {channels}, "
+        "among explanations that are adequate"
     ]
     if worth := gain_words(found.gain, stated_channel(found)):
         statements.append(Statement(f"On held-out conditions {worth}", "gain"))
-    if beside:
-        statements.append(f"Beside it, one of: {', '.join(with_chance(name, chances[name]) for name in beside)}")
-    if beside and found.grounds.barred is not None:
-        statements.append(f"{upper(plain_name(beside[0]))} is not named: {note_text(found.grounds.barred)}")
-    return statements
+    return [*statements, *_beside_words(found, chances)]
 
 
 def _one_of_table(found: Diagnosis, channels: str) -> list[str]:
@@ -437,12 +433,31 @@ def named_words(found: Diagnosis, chances: Mapping[str, float]) -> list[Statemen
         statements.append(f"{upper(plain_name(free[0]))} acts by another formula than the listed ones, over {free[1]}")
     if worth := gain_words(found.gain, stated_channel(found)):
         statements.append(Statement(f"On held-out runs {worth}", "gain"))
-    if found.grounds.beside:
-        statements.append(f"A further cause acts: {_alternatives(found.grounds.beside, chances)}")
-    statements += rival_words(alike, chances)
+    statements += [*_beside_words(found, chances), *rival_words(alike, chances)]
     if alike and (runs := deciding_runs(found)):
         statements.append(_next(runs[0]))
     return sentences(statements)
+
+
+def _beside_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
+    """Return what else acts beside named causes, and why each cause that a rule keeps back is not named.
+
+    What the stress peak keeps back stays with that peak: one of them acts.
+    """
+    beside, barred = found.grounds.beside, {kept.cause.name: kept.why for kept in found.grounds.kept_back}
+    ahead = [name for name, why in barred.items() if why.code == LackCode.PEAK_MAY_SHIFT]
+    others = [name for name in beside if name not in barred or name in ahead]
+    likely = listed(list(map(plain_name, others)), "or") if ahead else _alternatives(others, chances)
+    sure = len(others) == len(beside) or any(chances[name] > _SURE for name in others)
+    further = [f"A further cause {'acts' if sure else 'may act'}: {likely}"] * bool(others)
+    names = {name: plain_name(name) if name in ahead else with_chance(name, chances[name]) for name in barred}
+    return further + [f"{upper(names[x])} is not named: {_why_not(why, chances[x])}" for x, why in barred.items()]
+
+
+def _why_not(why: Note, probability: float) -> str:
+    """Return the rule that keeps a probable cause back; of the stress peak also the probability without that rule."""
+    rare = f", and {chance(probability)} if it seldom does" if why.code == LackCode.PEAK_MAY_SHIFT else ""
+    return f"{note_text(why)}{rare}"
 
 
 def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) -> list[Statement]:
@@ -470,8 +485,7 @@ def one_of_words(found: Diagnosis, chances: Mapping[str, float], none: float) ->
     if together:
         statements.append(f"Several may act together: {'; '.join(together)}")
     if barred is not None:
-        rare = f", and {chance(chances[families[0]])} if it seldom does" if peak_bars(found) else ""
-        statements.append(f"{upper(plain_name(families[0]))} is not named: {note_text(barred)}{rare}")
+        statements.append(f"{upper(plain_name(families[0]))} is not named: {_why_not(barred, chances[families[0]])}")
         statements += [
             "Whether a step changes that cannot be foreseen: no probability of the right name is stated"
         ] * any(run.naming_barred for run in found.next_run)
