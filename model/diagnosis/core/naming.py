@@ -257,14 +257,15 @@ def asked_again(verdict: Judgement, chances: Mapping[str, float], rivals: Sequen
     lost = [note.values["family"] for note in less_beside_usual(verdict, chances, rivals, least)]
     if not lost:
         return verdict
-    why = Note(LackCode.PEAK_MAY_SHIFT, values={"family": lost[0], "probability": chances.get(lost[0], 0.0)})
+    whys = {f: Note(LackCode.PEAK_MAY_SHIFT, values={"family": f, "probability": chances.get(f, 0.0)}) for f in lost}
+    why = whys[lost[0]]
     kept = tuple(f for f in verdict.families if f != lost[0])
     sure = tuple(f for f in kept if f not in rivals and chances.get(f, 0.0) > least)
     if sure:
         beside = tuple(dict.fromkeys(f for f in (*lost, *rivals, *verdict.beside) if f not in sure))
-        return Judgement("named", sure, beside, barred=why, kept_back=(*_each(lost, why), *verdict.kept_back))
+        return Judgement("named", sure, beside, barred=why, kept_back=(*whys.items(), *verdict.kept_back))
     families = tuple(dict.fromkeys((lost[0], *rivals, *kept)))
-    barred = (*_each(verdict.families, why), *verdict.kept_back)
+    barred = (*((f, whys.get(f, why)) for f in verdict.families), *verdict.kept_back)
     return Judgement("one_of", families, barred=why, kept_back=barred)
 
 
