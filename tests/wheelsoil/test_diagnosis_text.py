@@ -112,6 +112,13 @@ def test_no_verdict_ends_without_a_next_step(verdict, family, step):
     assert step in text_of(found, 100)
 
 
+def test_a_model_that_is_saved_is_not_to_be_saved():
+    found = replace(diagnosis(), next_run=(), not_identifiable={})
+    saved = "\n".join(diagnosis_lines(found, VehicleConfig(), 100, saved=True))
+    assert "-o model.toml" in text_of(found) and "model.toml" not in saved and "ave the" not in saved
+    assert "Next: no further run is needed for the name." in saved
+
+
 def test_a_residual_in_one_channel_is_followed_to_its_sensor() -> None:
     bent = Finding("driving_torque", Shape(Kind.DRAWBAR_PULL_SQUARED, "t"), -469.0, -9.0)
     found = replace(diagnosis("unexplained"), grounds=Grounds(lack_of_fit=LackOfFit((bent,))), next_run=())

@@ -7,14 +7,15 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import get_args
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from diagnosis_samples import diagnosis
 from report_support import material_of, processed_of
 
-from daq import Note, Severity
-from model import DiagnosisCode
+from daq import FloatArray, Note, Severity
+from model import DiagnosisCode, ExtendedModel
 from model.diagnosis import Cause, ParameterEstimate
 from model.diagnosis.core.result import Verdict
 from wheelsoil.fleet import Source
@@ -27,12 +28,12 @@ from wheelsoil.to_json import plain
 from wheelsoil.view.jobs import shown_of
 from wheelsoil.view.medians import compared
 from wheelsoil.wording import figures
-from wheelsoil.wording.cost_text import cost_meaning, cost_rows
+from wheelsoil.wording.cost_text import cost_meaning, cost_rows, cost_sentence
 from wheelsoil.wording.diagnosis_json import diagnosis_json
 from wheelsoil.wording.diagnosis_text import diagnosis_lines
 from wheelsoil.wording.figures import figure_value
-from wheelsoil.workflows import wheel_of
-from wheelsoil.workflows.cause_cost import CausesCost, cost_of_verdict, highest_slip_of, usual_driving
+from wheelsoil.workflows import cause_cost, wheel_of
+from wheelsoil.workflows.cause_cost import CausesCost, Driving, cost_of_verdict, highest_slip_of, usual_driving
 from wheelsoil.workflows.key_figures import KeyFigure, figure_of_cost, figures_of_diagnosis, figures_of_traction
 from wheelsoil.workflows.traction import pull_at, traction_of
 
@@ -236,6 +237,27 @@ def test_the_measured_pull_near_slip_0_2_is_right_where_the_curve_is_bent(bend: 
     found = pull_at(slip, pull, np.full(1600, 9000.0), np.tile(np.arange(400) / 100, 4), run)
     assert found is not None and found.passes == 4
     assert found.pull_n == pytest.approx(3000.0 * -np.expm1(-0.2 / bend) - 300.0, rel=0.015)
+
+
+def test_rounding_is_no_cost_of_a_cause_that_acts_in_braking_only(material: ReportInputs) -> None:
+    size = ParameterEstimate("H2_m", "m", 0.05, (0.03, 0.07), 0.01)
+    skid = Cause("skid_sinkage", "", "physical", "skid_sinkage", 0.99, 1.0, (size,))
+    inputs, fit = replace(material, diagnosed=replace(diagnosis(), causes=(skid,))), material.fit
+    driving, wheel = usual_driving(material.fitted), wheel_of(material.vehicle)
+    ground = (driving, wheel, fit.soil, fit.options.reading)
+    noise = iter([1.0, 1.0 + 1e-13, 1.0, 1.0 - 1e-13])
+    curves = cause_cost._curves
+
+    def rounded(model: ExtendedModel, at: Driving) -> dict[str, FloatArray]:
+        factor = next(noise)
+        return {key: factor * values for key, values in curves(model, at).items()}
+
+    with patch.object(cause_cost, "_curves", rounded):
+        found = cost_of_verdict(inputs.diagnosis, *ground, highest_slip=0.9)
+    assert {one.difference for one in found.costs} == {0.0}
+    assert {end for one in found.costs for end in one.difference95} == {0.0}
+    assert cost_meaning(found) == "Costs nothing in steady driving." and not cost_rows(found)
+    assert cost_sentence(found.costs) == ""
 
 
 def test_a_named_error_of_the_measurement_costs_no_pull(material: ReportInputs) -> None:

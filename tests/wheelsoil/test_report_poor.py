@@ -92,7 +92,7 @@ def test_runs_that_are_set_aside_are_counted_named_and_listed(material):
     numbers = report.numbers()
     assert report.head.badge == ("fair", "▲ 2 of 4 runs used") and ("Runs", "4") in report.head.facts
     assert numbers["runs_set_aside"] == [run.facts() for run in ASIDE]
-    assert "run-9; the reasons stand in the report under Runs." in numbers["texts"]["glance"]
+    assert "run-9; the reasons stand under Runs." in numbers["texts"]["glance"]
     assert any("run-9: the file is empty. Next: drive it again." in text for text in numbers["texts"]["quality"])
     cells = cells_of(section_of(report, "runs"))
     assert cells[cells.index("run-9") + 1] == "✕ set aside" and cells[cells.index("run-8") + 1] == "– set aside"
@@ -102,7 +102,7 @@ def test_runs_that_are_set_aside_are_counted_named_and_listed(material):
 
 def test_a_run_that_is_switched_off_is_not_driven_again(material):
     glance = build_report(replace(material, set_aside=ASIDE[1:])).numbers()["texts"]["glance"]
-    assert "none. Set aside: run-8; the reasons stand in the report under Runs." in glance
+    assert "none. Set aside: run-8; the reasons stand under Runs." in glance
 
 
 def test_the_worst_runs_of_many_are_shown():

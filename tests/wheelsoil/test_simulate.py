@@ -441,6 +441,14 @@ def test_an_unknown_effect_is_answered_with_all_that_there_are(
     assert "known: " not in printed and all(name in printed for name in EFFECTS)
 
 
+def test_a_family_that_is_given_as_an_effect_is_answered_with_its_forms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert wheelsoil(["simulate", "-o", str(tmp_path / "new"), "--effect", "slip_sinkage:H_m=0.05"]) == 2
+    printed, forms = capsys.readouterr().err, [key for key, form in EFFECTS.items() if form.name == "slip_sinkage"]
+    assert f"expected: a form of that family: {', '.join(forms)}" in printed and "skid" not in printed
+
+
 def test_effects_are_parsed() -> None:
     assert parse_effect("ding") == ("ding", {"n1": 0.3})
     assert parse_effect("lyasko:m1=0.1, m2=0.05") == ("lyasko", {"m1": 0.1, "m2": 0.05})

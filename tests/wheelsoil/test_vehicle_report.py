@@ -386,9 +386,8 @@ def test_the_page_says_what_to_do_at_the_wheel_of_the_fault(four: Path, tmp_path
 
 
 def test_what_is_wrong_with_a_wheel_stands_in_its_line(four: Path, tmp_path: Path) -> None:
-    again = {"RL": "run-2; the reasons stand in the report under Runs."}
-
-    def drive_again(inputs: ReportInputs) -> str:
+    def drive_again(inputs: ReportInputs, place: str = "under Runs") -> str:
+        again = {"RL": f"run-2; the reasons stand {place}."}
         return again.get(" ".join(inputs.vehicle.wheel_ids), "none. All runs are usable.")
 
     for file in four.glob("*.dbc"):

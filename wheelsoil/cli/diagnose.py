@@ -125,7 +125,7 @@ def diagnose_command(
             _compare(benches, settings, json=json)
         else:
             alone = PerWheel({"": []}, json=json)
-            show = partial(_show, alone, {"": VehicleConfig(wheel=read[0].wheel_section)}, verbose)
+            show = partial(_show, alone, {"": VehicleConfig(wheel=read[0].wheel_section)}, verbose, output is not None)
             alone.each(lambda _: _diagnose(benches, settings, output, show, force=force))
         return
     vehicle_file = options.one_file(vehicle)
@@ -154,7 +154,7 @@ def diagnose_command(
     of_wheels: dict[str, Processed] = {}
     by_wheel: dict[str, Diagnosis] = {}
     configs: dict[str, VehicleConfig] = {}
-    show = partial(_show, per_wheel, configs, verbose)
+    show = partial(_show, per_wheel, configs, verbose, output is not None)
 
     def work(of_wheel: list[Run]) -> None:
         processed = per_wheel.processed("diagnose", of_wheel, files, by_hand)
@@ -253,7 +253,9 @@ def _print_plan(plan: Plan, target: Path | None, *, json: bool) -> None:
         say(f"wrote {target}")
 
 
-def _show(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], verbose: bool, diagnosis: Diagnosis) -> None:
+def _show(
+    wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], verbose: bool, saved: bool, diagnosis: Diagnosis
+) -> None:
     """Print a diagnosis; `vehicles` is by wheel, without one whose runs are of several vehicles."""
     from model.effects import parted
     from wheelsoil.wording.diagnosis_json import diagnosis_json
@@ -266,7 +268,7 @@ def _show(wheels: PerWheel, vehicles: Mapping[str, VehicleConfig], verbose: bool
     def print_text() -> None:
         from wheelsoil.report import checks_of
 
-        shown = partial(diagnosis_lines, wheels=vehicles, checks=checks_of(diagnosis), verbose=verbose)
+        shown = partial(diagnosis_lines, wheels=vehicles, checks=checks_of(diagnosis), verbose=verbose, saved=saved)
         print("\n".join(shown(diagnosis, vehicle, terminal_width())))
 
     wheels.show(lambda: diagnosis_json(diagnosis), print_text, headline_of(diagnosis))

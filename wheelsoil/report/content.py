@@ -136,10 +136,14 @@ MOST_STEPS = 3
 
 @dataclass(frozen=True)
 class Steps:
-    """What to do next, the best first, at most `MOST_STEPS`; which runs to drive again; what to check."""
+    """What to do next, the best first, at most `MOST_STEPS`; which runs to drive again; what to check.
+
+    `again_elsewhere` says which runs for another page.
+    """
 
     steps: Sequence[Step]
     again: str = ""
+    again_elsewhere: str = ""
     cautions: Sequence[str] = ()
 
 

@@ -258,7 +258,7 @@ def _steps(joint: Diagnosis | None, wheels: Sequence[WheelReport], doubts: Seque
 def _again(wheels: Sequence[WheelReport]) -> str:
     """Return which runs to drive again by the wheels' own reports; without names where all say the same."""
     cards = {
-        wheel.wheel: block.again
+        wheel.wheel: block.again_elsewhere
         for wheel in wheels
         if wheel.report
         for block in wheel.report.sections[0].blocks

@@ -112,16 +112,17 @@ def diagnosis_lines(
     wheels: Mapping[str, VehicleConfig] | None = None,
     checks: Iterable[str] = (),
     verbose: bool = False,
+    saved: bool = False,
 ) -> list[str]:
     """Return a diagnosis as lines of text: the verdict and the next step first, then the causes and the gain.
 
     `vehicle` is what the next step may have to change, None where the runs are of several; `wheels` has that of each
     wheel, for a cause at one of them. The width is held between 80
     and 100. `checks` say where the recommended model is off. With `verbose` also probabilities, residuals, detectable
-    sizes and further steps.
+    sizes and further steps. Where the model is `saved` already, no step asks to save it.
     """
     width = limited(width)
-    head = [*wrapped(headline_of(diagnosis), width), *_first_steps(diagnosis, vehicle, wheels or {}, width)]
+    head = [*wrapped(headline_of(diagnosis), width), *_first_steps(diagnosis, vehicle, wheels or {}, width, saved)]
     details = wrapped(" ".join(details_of(diagnosis)), width)
     causes, inconsistent = _causes(diagnosis, width), _inconsistent(diagnosis, width)
     to_check, notes = _notes("To check", checks, width), _notes("Notes", texts_of(diagnosis.notes), width)
@@ -150,11 +151,11 @@ def diagnosis_lines(
 
 
 def _first_steps(
-    diagnosis: Diagnosis, vehicle: VehicleConfig | None, wheels: Mapping[str, VehicleConfig], width: int
+    diagnosis: Diagnosis, vehicle: VehicleConfig | None, wheels: Mapping[str, VehicleConfig], width: int, saved: bool
 ) -> list[str]:
     return [
         line
-        for text, step in first_steps(diagnosis, vehicle or VehicleConfig(), wheels)
+        for text, step in first_steps(diagnosis, vehicle or VehicleConfig(), wheels, saved=saved)
         for pasted in [step.paste.splitlines() if vehicle is not None else ()]
         for line in (*wrapped(f"{text} {step.why}".rstrip(), width), *_indented(pasted))
     ]

@@ -83,10 +83,19 @@ def next_steps(
 
 
 def first_steps(
-    found: Diagnosis, vehicle: VehicleConfig, wheels: Mapping[str, VehicleConfig] | None = None
+    found: Diagnosis,
+    vehicle: VehicleConfig,
+    wheels: Mapping[str, VehicleConfig] | None = None,
+    *,
+    saved: bool = False,
 ) -> list[tuple[str, Step]]:
-    """Return the first of `next_steps` in a sentence; of named causes what removes each of them."""
+    """Return the first of `next_steps` in a sentence; of named causes what removes each of them.
+
+    Where the model is `saved` already, nothing asks to save it.
+    """
     steps = next_steps(found, vehicle, wheels) or [step_of(found)]
+    if saved and found.verdict == "named":
+        steps = [Step(step.why) if step.what == step_of(found).what else step for step in steps]
     count = sum(1 for _ in _mending_steps(found, vehicle, wheels or {})) if found.verdict == "named" else 1
     whats = [step.what if step.campaign else f"{step.what[0].lower()}{step.what[1:]}" for step in steps]
     texts = [f"{'Also' if i else 'Next'}: {what.rstrip('.')}." for i, what in enumerate(whats)]

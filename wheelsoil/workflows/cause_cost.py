@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, nan
+from math import hypot, isclose, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -114,7 +114,7 @@ def costs_of(
 
     The end is the highest slip that was driven, where it is given. The slip of the highest efficiency is returned, too.
     `soil` is as calibrated with the causes; it is the same with and without them. `DataError` where the model has no
-    answer for this load.
+    answer for this load. What differs by rounding only, less than 1e-9 of its value, does not differ.
     """
 
     def curves(chosen: Sequence[Cause]) -> dict[str, FloatArray]:
@@ -131,7 +131,9 @@ def costs_of(
     for row in dict.fromkeys((_USUAL, best, *last)):
         for quantity, unit in _QUANTITIES:
             base, whole = float(without[quantity][row]), float(complete[quantity][row])
+            whole = base if isclose(base, whole, rel_tol=1e-9) else whole
             changes = np.array([[float(end[quantity][row]) - whole for end in of_cause] for of_cause in moved])
+            changes *= np.abs(changes) > 1e-9 * abs(whole)
             below, above = _half_widths(changes.reshape(-1, 2)) if known else (nan, nan)
             interval = (whole - base - below, whole - base + above)
             found.append(Cost(quantity, unit, float(_SLIPS[row]), base, whole, interval))

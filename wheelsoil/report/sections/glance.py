@@ -59,7 +59,12 @@ _ONE_PLACE_DEG = 0.02
 def glance(inputs: ReportInputs) -> Contents:
     """Build the section; it is there whatever is missing."""
     found, sentences = inputs.diagnosed, _sentences(inputs)
-    steps = Steps(steps_of_report(inputs), runs_again(inputs), [caution_text(bias) for bias in _cautions(inputs)])
+    steps = Steps(
+        steps_of_report(inputs),
+        runs_again(inputs),
+        runs_again(inputs, "in the report under Runs"),
+        [caution_text(bias) for bias in _cautions(inputs)],
+    )
     headline, details = _headline(inputs, sentences)
     tiles = [_error_tile(inputs), confidence_tile(found), data_tile(inputs)]
     figure = figure_or_reason(lambda: hero(inputs))
@@ -412,28 +417,28 @@ def _cautions(inputs: ReportInputs) -> list[Bias]:
         return []
 
 
-def runs_again(inputs: ReportInputs) -> str:
-    """Return which runs to drive again, or which are not used for another reason."""
+def runs_again(inputs: ReportInputs, place: str = "under Runs") -> str:
+    """Return which runs to drive again, or which are not used for another reason; `place` has the reasons."""
     if not inputs.runs:
         return ""
     set_aside, count = inputs.set_aside, len(inputs.runs)
     poor = [*(run.run for run in set_aside if run.drive_again), *inputs.poor]
     others = [run.run for run in set_aside if not run.drive_again]
     if not poor and others:
-        return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand in the report under Runs."
+        return f"none. Set aside: {_few(others, f'{len(others)} runs')}; the reasons stand {place}."
     if not poor and inputs.several_terrains is not None:
         groups = groups_of_runs(inputs.diagnosis)
         apart = f": {groups.second} are not of the soil of {groups.first}" if groups else ""
         return f"none. Each run is usable, but not all together{apart}."
     if not poor and inputs.to_check:
         to_check = [f"{name} ({why})" for name, why in inputs.to_check.items()]
-        runs = _few(to_check, f"{len(to_check)} runs; the reasons stand in the report under Runs")
+        runs = _few(to_check, f"{len(to_check)} runs; the reasons stand {place}")
         return f"{'none' if count > 1 else 'no'}. Check {runs}."
     if not poor and (groups := groups_of_runs(inputs.diagnosed)):
         return f"none is broken, but {groups.first} ask for another soil than {groups.second}."
     if not poor:
         return "none. All runs are usable." if count > 1 else "no. The run is usable."
-    return f"{_few(poor, f'{len(poor)} of {count + len(set_aside)} runs')}; the reasons stand in the report under Runs."
+    return f"{_few(poor, f'{len(poor)} of {count + len(set_aside)} runs')}; the reasons stand {place}."
 
 
 def _few(runs: list[str], many: str) -> str:
