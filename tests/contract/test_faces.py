@@ -27,7 +27,7 @@ def dotted(file: Path) -> str:
 
 FILES = {dotted(file): file for room in ROOMS for file in sorted((ROOT / room).rglob("*.py"))}
 PACKAGES = {name for name, file in FILES.items() if file.stem == "__init__"}
-MOST_FILES, MOST_STATEMENTS = 425, 52_231
+MOST_FILES, MOST_STATEMENTS = 425, 52_243
 """What the rooms may hold. A commit that raises one says what the user gets for it."""
 
 

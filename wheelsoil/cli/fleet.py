@@ -171,7 +171,7 @@ def _summary(manifests: Sequence[Manifest]) -> dict[str, Any]:
             manifest.campaign: manifest.fault for manifest in manifests if manifest.state == "done" and manifest.fault
         },
         "verdicts": dict(Counter(manifest.verdict for manifest in manifests if manifest.verdict).most_common()),
-        "causes": dict(Counter(name for each in manifests for name in each.causes.split(",") if name).most_common()),
+        "causes": dict(Counter(name for each in manifests for name in each.families).most_common()),
         "rows": {table: sum(manifest.rows.get(table, 0) for manifest in manifests) for table in tables},
         "cpu_s": sum(manifest.cpu_s for manifest in manifests),
         "peak_bytes": max((manifest.peak_bytes for manifest in manifests), default=0),

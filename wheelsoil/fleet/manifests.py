@@ -70,6 +70,11 @@ class Manifest:
         """Name of its file."""
         return f"{quoted(self.campaign)}.{self.content}.json"
 
+    @property
+    def families(self) -> tuple[str, ...]:
+        """Names of `causes`."""
+        return tuple(filter(None, self.causes.split(",")))
+
     def text(self) -> bytes:
         """Return what its file holds."""
         return sealed(asdict(self))

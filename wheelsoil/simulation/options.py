@@ -271,7 +271,7 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     name, _, rest = text.partition(":")
     effect = EFFECTS.get(name)
     if effect is None:
-        raise ConfigError(*_effect_faults(name, {}, "balanced"))
+        raise ConfigError(_unknown_effect(name))
     if not rest:
         return name, {p.name: p.start for p in effect.parameters}
     values: dict[str, float] = {p.name: p.neutral for p in effect.parameters}
@@ -287,16 +287,16 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     return name, values
 
 
+def _unknown_effect(name: str) -> Fault:
+    forms = ", ".join(key for key, form in EFFECTS.items() if form.name == name)
+    expected = f"a form of that family: {forms}" if forms else nearest(name, EFFECTS, most=len(EFFECTS))
+    return Fault(f"no effect is called {name!r}", expected=expected)
+
+
 def _effect_faults(name: str, values: Mapping[str, float], reading: Reading) -> list[Fault]:
     effect = EFFECTS.get(name)
     if effect is None:
-        forms = ", ".join(key for key, form in EFFECTS.items() if form.name == name)
-        return [
-            Fault(
-                f"no effect is called {name!r}",
-                expected=f"a form of that family: {forms}" if forms else nearest(name, EFFECTS, most=len(EFFECTS)),
-            )
-        ]
+        return [_unknown_effect(name)]
     known = {p.name: p for p in effect.parameters}
     faults = []
     if effect.reading == "literal" != reading:

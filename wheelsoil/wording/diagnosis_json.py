@@ -113,7 +113,7 @@ def _form_errors(found: Diagnosis) -> dict[str, Any]:
 
 def _further(family: str, found: Diagnosis) -> dict[str, Any]:
     """Return a family that probably acts beside the named ones; `barred` is None where only its probability bars it."""
-    why = (found.not_identifiable | {kept.cause.name: kept.why for kept in found.grounds.kept_back}).get(family)
+    why = (found.not_identifiable | found.grounds.reasons).get(family)
     return {
         "name": family,
         "probability": chances_of(found).get(family),

@@ -29,12 +29,8 @@ OPEN_STORE = "note: anyone on this machine may write into the store {}: `chmod o
 
 def verdict_with_causes(manifest: Manifest) -> str:
     """Return a campaign's verdict in words, with its causes."""
-    return ": ".join(
-        [
-            VERDICT_WORDS.get(manifest.verdict, manifest.verdict),
-            *([", ".join(map(plain_name, manifest.causes.split(",")))] if manifest.causes else []),
-        ]
-    )
+    causes = ", ".join(map(plain_name, manifest.families))
+    return ": ".join(filter(None, (VERDICT_WORDS.get(manifest.verdict, manifest.verdict), causes)))
 
 
 def damage_lines(store: str, damaged: Sequence[Damage]) -> Iterator[str]:

@@ -444,7 +444,7 @@ def _beside_words(found: Diagnosis, chances: Mapping[str, float]) -> list[str]:
 
     What the stress peak keeps back stays with that peak: one of them acts.
     """
-    beside, barred = found.grounds.beside, {kept.cause.name: kept.why for kept in found.grounds.kept_back}
+    beside, barred = found.grounds.beside, found.grounds.reasons
     ahead = [name for name, why in barred.items() if why.code == LackCode.PEAK_MAY_SHIFT]
     others = [name for name in beside if name not in barred or name in ahead]
     likely = listed(list(map(plain_name, others)), "or") if ahead else _alternatives(others, chances)

@@ -315,6 +315,11 @@ class Grounds:
     refuted_soil: tuple[RefutedSoil, ...] = ()
     soil_instead: tuple[SoilInstead, ...] = ()
 
+    @property
+    def reasons(self) -> dict[str, Note]:
+        """Why each cause that is kept back has no name, by its own."""
+        return {kept.cause.name: kept.why for kept in self.kept_back}
+
 
 @dataclass(frozen=True)
 class Corrected:
@@ -395,10 +400,9 @@ class Diagnosis:
     @property
     def stated(self) -> tuple[tuple[Cause, Note | None], ...]:
         """Every cause of the verdict and every one that a rule bars beside named ones, with that rule."""
-        barred = {kept.cause.name: kept for kept in self.grounds.kept_back}
-        own = tuple((cause, barred[cause.name].why if cause.name in barred else None) for cause in self.causes)
-        names = {cause.name for cause in self.causes}
-        return (*own, *((kept.cause, kept.why) for name, kept in barred.items() if name not in names))
+        reasons, names = self.grounds.reasons, {cause.name for cause in self.causes}
+        others = {kept.cause.name: kept.cause for kept in self.grounds.kept_back if kept.cause.name not in names}
+        return tuple((cause, reasons.get(cause.name)) for cause in (*self.causes, *others.values()))
 
     @property
     def main_channel(self) -> str:

@@ -113,8 +113,10 @@ class Outlook:
 
         `added`, shape (all columns, same), has the cross products of what the step adds.
         """
-        if self.not_foreseen or len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
-            return None if self.not_foreseen else 0.0
+        if self.not_foreseen:
+            return None
+        if len(self.grams.run_names) + (code not in STATIC) < FEWEST_RUNS:
+            return 0.0
         drawn = int(code not in STATIC and not (code in _SENSORS and self.measures_more))
         measured = self._measured(added[np.ix_(self.kept, self.kept)] / self.excess)
         totals = self.totals[drawn] + self.times[drawn][:, None, None] * measured[:, None]

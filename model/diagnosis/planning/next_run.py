@@ -173,13 +173,12 @@ def next_runs(
     again = [REPEAT] if ahead is not None and ahead.not_foreseen == LackCode.AGAINST_STATIC else []
     plain = [run.expected_log_bayes_factor for run in ranked if run.step.code == StepCode.LIKE_OTHERS]
     least = max(_BETTER * max(plain, default=0.0), WORTH_SAYING)
-    return tuple(
+    worth = [
         run
-        for run in (*again, *best_first(ranked))
-        if run.expected_log_bayes_factor > least
-        or run.decides
-        or run.step.code in (StepCode.LIKE_OTHERS, StepCode.REPEAT_STATIC)
-    )[:most]
+        for run in best_first(ranked)
+        if run.expected_log_bayes_factor > least or run.decides or run.step.code == StepCode.LIKE_OTHERS
+    ]
+    return tuple([*again, *worth][:most])
 
 
 @dataclass(frozen=True)

@@ -228,7 +228,7 @@ def _diagnosis(linearised: LinearisedCampaign, options: DiagnosisOptions, notes:
             cautions=(*notes_of_more_alike(found, verdict.verdict, verdict.families), *disputes),
             refuted_soil=refuted,
             soil_instead=in_place,
-            free_form=None if freed is None else (EFFECTS[freed.key].name, freed.over),
+            free_form=None if freed is None else (formed, freed.over),
         )
     average = None
     if options.average and (verdict.verdict == "one_of" or verdict.beside):
@@ -282,7 +282,7 @@ def _weighed(
     name_at: float,
     clock: Clock,
     rng: np.random.Generator,
-    formed: str = "",
+    formed: str,
 ) -> tuple[_Weighed, tuple[Note, ...]]:
     """Weigh the sets, test them on left-out runs; return also what is to be remarked of the gain."""
     linearised = fits.linearised
